@@ -26,7 +26,7 @@ pub struct CarriedTorque {
     rate: f64,
 }
 
-/// Twice the low-pass's damping ratio.
+/// Twice the low-pass's damping ratio of 0.7: Z Section IV-B, as the equation below.
 const DAMPING: f64 = 1.4;
 
 impl CarriedTorque {
@@ -65,14 +65,18 @@ impl CarriedTorque {
     }
 }
 
-/// Share of the damping that the carried torque may take.
+/// Share of the damping that the carried torque may take; the rest stays for the impedance.
+/// Chosen; no experiment recorded. `crates/control/tests/margins` shows what margins it leaves.
 const OF_DAMPING: f64 = 0.5;
-/// Inertia of the heaviest link, over that of the stretched-out robot, as margins in space are judged.
+/// Inertia of the heaviest link, over that of the stretched-out robot, by which margins in space are judged
+/// (docs/control-law.md, Margins).
 const HEAVIEST: f64 = 5.0;
-/// Largest w_c: over the frequency at which the link swings on `K_s`, and rad/s.
+/// Largest w_c over the frequency at which the link swings on `K_s`: at one half the low-pass passes a quarter of a
+/// swing. Chosen; no experiment recorded.
 const OF_SWING: f64 = 0.5;
+/// Largest w_c, rad/s. Chosen; no experiment recorded.
 const LARGEST: f64 = TAU * 5.0;
-/// Part of `K_d / K_s` that is left at least when the torque's lag has taken its own.
+/// Part of `K_d / K_s` that is left at least when the torque's lag has taken its own. Chosen; no experiment recorded.
 const LEAST_LEFT: f64 = 0.1;
 
 /// w_c for a joint with these gains in space, this law and this inertia of its link (kg·m²), rad/s; 0 without

@@ -402,8 +402,8 @@ impl PredictiveLaw {
         }
     }
 
-    /// Further torque of the motor for a hand that moves the link, N·m, as far as gear and rotor both show it. `torque`:
-    /// T+, `damping`: D.
+    /// Further torque of the motor for a hand that moves the link, N·m, as far as gear and rotor both show it.
+    /// `torque`: T+, `damping`: D.
     fn back_drive_torque(&self, torque: f64, damping: f64) -> f64 {
         let Some(assist) = &self.back_drive_assist else {
             return 0.0;

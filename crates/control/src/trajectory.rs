@@ -15,17 +15,18 @@ use crate::point_to_point::{MotionLimits, PlannedMotion, PointToPoint};
 const FURTHEST_NS: u64 = 1_000_000_000;
 /// Most points that are buffered: those of four pieces, and where two are joined.
 const MOST_KNOTS: usize = 4 * MAX_POINTS + 2;
-/// Spacings of points that a piece may have, ns.
+/// Spacings of points that a piece may have, ns. Chosen; no experiment recorded.
 const SPACINGS_NS: std::ops::RangeInclusive<u64> = 500_000..=200_000_000;
 /// A piece joins what is buffered at least so far ahead, ns.
 const AHEAD_NS: u64 = 1_000_000;
-/// Greatest share of the acceleration limit that joining a piece may take.
+/// Greatest share of the acceleration limit that joining a piece may take. Chosen; no experiment recorded.
 const JOINING: f64 = 0.1;
-/// Greatest difference where a piece joins, as the joint's way at its velocity limit, s.
+/// Greatest difference where a piece joins, as the joint's way at its velocity limit, s: that of two cycles at 1 kHz.
 const APART_S: f64 = 2e-3;
-/// For rounding of values that are meant to be the limit.
+/// For rounding of values that are meant to be the limit: four written digits err by 0.05 %, single precision by less.
 const ROUNDING: f64 = 1.001;
 /// Velocity and acceleration, as shares of their limits, below which a last point is at rest.
+/// Chosen; no experiment recorded.
 const REST: f64 = 1e-4;
 
 /// Limits of a joint's points.

@@ -146,9 +146,9 @@ impl Measure {
         })
     }
 
-    /// Takes what was learned in the last cycle: the joints of which an encoder is wrong, a bit each; whether an operator
-    /// has acknowledged since, so that joints whose encoders contradicted each other are to prove themselves anew; and
-    /// the torques, which explain the torsion of joints without a link-side encoder.
+    /// Takes what was learned in the last cycle: the joints of which an encoder is wrong, a bit each; whether an
+    /// operator has acknowledged since, so that joints whose encoders contradicted each other are to prove themselves
+    /// anew; and the torques, which explain the torsion of joints without a link-side encoder.
     pub(crate) fn learn(&mut self, distrusted: u64, acknowledged: bool, last: &CycleRecord) {
         let commanded = &last.commanded.joints;
         for (j, (joint, commanded)) in self.joints.iter_mut().zip(commanded).enumerate() {

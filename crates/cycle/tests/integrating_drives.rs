@@ -1,5 +1,5 @@
-//! Drives whose velocity loop integrates (P-PI), in front of the whole cycle: known of, they follow motions as others do,
-//! or are refused by name; unknown, they are named before anything moves.
+//! Drives whose velocity loop integrates (P-PI), in front of the whole cycle: known of, they follow motions as others
+//! do, or are refused by name; unknown, they are named before anything moves.
 
 use crate::common;
 
@@ -9,7 +9,8 @@ use robot_state::{Event, Mode};
 use std::f64::consts::TAU;
 use test_support::Random;
 
-/// What is drawn of a kind of drive: integral time, s, and shares of stiffness and damping of the shipped position loop.
+/// What is drawn of a kind of drive: integral time, s, and shares of stiffness and damping of the shipped position
+/// loop.
 #[derive(Clone, Copy, Debug)]
 struct Drawn {
     time: f64,

@@ -19,8 +19,9 @@
 /// Cycles after which a drive has acted on a set-point.
 const ACTS_WITHIN: usize = 4;
 
-/// Share of the cycles for which one counts at most: an error that is a multiple of the limit is found the sooner by
-/// its square, as what a position drive does with it grows so, but never by one sample alone.
+/// Share of the cycles for which one counts at most. An error that is a multiple of the limit is found the sooner by
+/// its square, as what a position drive does with it grows so. With half of the cycles two samples are needed, never
+/// one alone.
 const MOST: f64 = 0.5;
 
 /// Limits of a joint's following error and velocity.

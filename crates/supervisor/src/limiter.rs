@@ -11,8 +11,8 @@
 //! set-point gives way to a load by a small angle and slowly, and not at all by samples that cannot be used: two
 //! encoders that fail alike, e.g. by frames of another joint, must not lead it away.
 //!
-//! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that the distance to the
-//! position limits allows by both encoders: the less of it is left the less torque, and beyond it braking.
+//! Current-commanded drives. The torque is limited in size, rate and power, and by the velocity that the distance to
+//! the position limits allows by both encoders: the less of it is left the less torque, and beyond it braking.
 
 mod current;
 mod limits;
@@ -47,22 +47,25 @@ pub struct Limited {
     pub flags: u32,
 }
 
-/// A torque rate that was limited is noted from this share of the torque limit on by which the torque stayed behind, or
-/// after so many cycles in a row to the same side: less is noise of what is measured, by stiff drives or short periods.
+/// A torque rate that was limited is noted where the torque stayed behind by this share of the torque limit, or for
+/// several cycles in a row to one side. Less is noise of what is measured, by stiff drives or short periods.
+/// Chosen; no experiment recorded.
 const RATE_NOTABLE_SHARE: f64 = 0.05;
 const RATE_NOTABLE_CYCLES: i32 = 5;
 
-/// Greatest velocity at which a held set-point gives way, share of the velocity limit.
+/// Greatest velocity at which a held set-point gives way, share of the velocity limit (docs/safety-promises.md, 2).
+/// Chosen; no experiment recorded.
 const YIELD_SPEED: f64 = 0.03;
 
-/// Skipped periods from which on the loop resumes slowly; the cycles for which it does, of position and of current
-/// drives: a position drive brakes while its set-point stands, and must not be kept from following again; and the share
-/// of the torque's rate.
+/// Skipped periods from which on the loop resumes slowly, and the cycles for which it does, of position and of current
+/// drives: a position drive brakes while its set-point stands, and must not be kept from following again.
 const RESUMED_FROM: u32 = 5;
 const RESUMING: [u32; 2] = [8, 40];
+/// Share of the torque's rate with which a loop that resumes slowly begins. Chosen; no experiment recorded.
 const RESUMING_SHARE: f64 = 0.1;
-/// Share of the torque limit within which a law that goes on from the torque that is may move the motor's at once:
-/// to lead a gear that is wound up back slowly takes quick torques of the motor, and held back they let it swing.
+/// Share of the torque limit within which a law that goes on from the torque that is may move the motor's at once. To
+/// lead a gear that is wound up back slowly takes quick torques of the motor; held back they let it swing.
+/// Chosen on the simulated leg, lift-gripper and humanoid (docs/control-law.md, A gap of the loop).
 const RESUMING_CONTROLLED: f64 = 0.3;
 
 /// The limiter of one joint.

@@ -461,7 +461,8 @@ mod tests {
         assert_eq!(after(0.2, rest, |k| 0.01 * k.min(6.0)), None);
     }
 
-    /// While the loop paused, the drive has stopped the motor at its last set-point; the velocity is still that of before.
+    /// While the loop paused, the drive has stopped the motor at its last set-point; the velocity is still that of
+    /// before.
     #[test]
     fn a_motor_that_came_to_stand_in_a_pause_is_judged_once_that_is_over() {
         let mut joint = trusted().0;

@@ -12,13 +12,13 @@ use core::f64::consts::TAU;
 /// Probability at which equal samples are no chance: thirty signals at 1 kHz make 10¹² samples in a
 /// year.
 const CHANCE: f64 = 1e-12;
-/// The least noise that a sensor has, as a share of the standard deviation that its data sheet
-/// gives as the greatest.
+/// The least noise that a sensor has, as a share of the standard deviation that its data sheet gives as the greatest.
+/// Chosen; no experiment recorded.
 const LEAST_NOISE: f64 = 0.25;
-/// Successive samples that depend on each other: a sensor's own low-pass may be this much slower
-/// than its samples.
+/// Successive samples that depend on each other: a sensor's own low-pass may be this much slower than its samples.
+/// Chosen; no experiment recorded.
 const DEPENDENT_SAMPLES: f64 = 10.0;
-/// Samples after which no judgement is made: ten seconds at 1 kHz.
+/// Samples after which no judgement is made: ten seconds at 1 kHz. Chosen; no experiment recorded.
 const MOST_SAMPLES: f64 = 10_000.0;
 
 /// Range and noise of one signal, in the units of its value.

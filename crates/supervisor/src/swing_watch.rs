@@ -31,13 +31,15 @@ pub struct SwingTorque {
 /// Halves of swings in a row that make a swinging hold: of small swings, and of others.
 const HALVES: [u32; 2] = [8, 3];
 /// Share of the torque limit by which the motor must press more to one side than to the other: in small swings, and in
-/// great ones.
+/// great ones. Chosen on the simulated test joint, with gains ten and thirty times too high at 250 Hz and 1 kHz
+/// (`crates/cycle/tests/hold_swings.rs`).
 const PRESSES: [f64; 2] = [0.1, 0.4];
 /// Share of the way of the half before the last one that a half must have: the swing does not die away.
+/// Chosen as [`PRESSES`].
 const LASTS: f64 = 0.8;
-/// Share of the least way by which the joint must come back from where it turns.
+/// Share of the least way by which the joint must come back from where it turns. Chosen as [`PRESSES`].
 const TURNS: f64 = 0.1;
-/// Longest time of a half, s: a joint that is slower is moved, and does not swing.
+/// Longest time of a half, s: a joint that is slower is moved, and does not swing. Chosen as [`PRESSES`].
 const LONGEST_S: f64 = 1.0;
 
 /// What was measured of one half of a swing.

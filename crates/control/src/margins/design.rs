@@ -15,14 +15,20 @@ use crate::predictive::{Design, DriveLoop};
 use std::f64::consts::TAU;
 
 /// Shares of the default's stiffness, damping, `follow` and bandwidths of rotor and link observer, by steps away from
-/// it.
+/// it. Chosen on the simulated leg with drives of three times the stiffness and gears of half (docs/control-law.md,
+/// Joints for which the default does not serve).
 const STIFFNESS: [f64; 5] = [1.0, 0.7, 0.5, 0.35, 0.2];
+/// Chosen as [`STIFFNESS`].
 const DAMPING: [f64; 3] = [1.0, 1.5, 0.7];
+/// Chosen as [`STIFFNESS`].
 const FOLLOW: [f64; 3] = [1.0, 0.3, 0.1];
+/// Chosen as [`STIFFNESS`].
 const ROTOR: [f64; 3] = [1.0, 0.5, 0.25];
+/// Chosen as [`STIFFNESS`].
 const LINK: [f64; 2] = [1.0, 0.33];
 /// Shares of the default's help for a hand, and of the bandwidth of the estimates that it goes by, the most helpful
-/// first; with the slowest there is nothing to help with that the law's own do not know.
+/// first. With the slowest there is nothing to help with that the law's own do not know. Chosen on the simulated test
+/// joint and leg (docs/control-law.md, A hand).
 const HAND: [[f64; 2]; 10] = [
     [1.8, 1.0],
     [1.6, 1.0],
@@ -37,17 +43,17 @@ const HAND: [[f64; 2]; 10] = [
 ];
 /// Loads with which a hand is helped.
 const HELPED: [Load; 4] = [Load::Free, Load::Light, Load::Spring, Load::Heavy];
-/// Frequency at which a delay has the phase that is needed, Hz: the highest at which loops with help have rung, those of
-/// light links. Slower ones bear more.
+/// Frequency at which a delay has the phase that is needed, Hz. Chosen on the simulated test joint and leg: the highest
+/// at which loops with help have rung, those of light links. Slower ones bear more.
 const RINGS_AT: f64 = 83.0;
-/// Least share of its configured damping that a drive may have; data sheets have none. More damping than configured leaves
-/// more margin on all joints that were tried.
+/// Least share of its configured damping that a drive may have; data sheets have none. More damping than configured
+/// leaves more margin on all joints that were tried. Chosen; no experiment recorded.
 const DAMPING_KNOWN: f64 = 0.8;
 
-/// The joint's own design where its loop keeps these margins with every load; else the nearest one that keeps them, also
-/// with K_s and K_d on every load that moves, of several as near the one with the widest bandwidth where the rotor is
-/// stuck. Where no design keeps them with K_s and K_d, one that does without; the joint's own if there is none. With as
-/// much help for a hand as rings with no load, and at most `most_help`.
+/// The joint's own design where its loop keeps these margins with every load; else the nearest one that keeps them,
+/// also with K_s and K_d on every load that moves, of several as near the one with the widest bandwidth where the rotor
+/// is stuck. Where no design keeps them with K_s and K_d, one that does without; the joint's own if there is none. With
+/// as much help for a hand as rings with no load, and at most `most_help`.
 #[must_use]
 pub fn choose_design(joint: &JointLoop, needed: &Margins, most_help: f64) -> Design {
     let design = linear_design(joint, needed);

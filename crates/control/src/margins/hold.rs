@@ -15,9 +15,10 @@ use super::{Load, Margins};
 use nalgebra::Complex;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Integral time of a hold in units of K_d / K_s: slow enough to leave spring and damping as they are.
+/// Integral time of a hold in units of K_d / K_s: slow enough to leave spring and damping as they are. Where they meet
+/// it takes atan(1/10) = 6 degrees of phase.
 pub const INTEGRAL_TIMES: f64 = 10.0;
-/// Highest frequency of the open loop, over the rate of the samples.
+/// Highest frequency of the open loop, over the rate of the samples: Nyquist's.
 const HIGHEST: f64 = 0.5;
 /// Frequency from which on `1 + L` is followed, Hz: there the poles at zero are all that counts.
 const SLOWEST: f64 = 1e-3;

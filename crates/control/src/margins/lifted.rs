@@ -97,17 +97,20 @@ impl Lifted {
     }
 }
 
-/// Time that a loop is simulated for, s, and the share of its last fifth over the least of the three before up to
-/// which it counts as one that comes to rest: a spring that nothing damps swings on.
+/// Time that a loop is simulated for, s. Chosen; no experiment recorded.
 const SIMULATED: f64 = 2.0;
+/// Share of the last fifth of a simulation over the least of the three before up to which a loop counts as one that
+/// comes to rest. A spring that nothing damps swings on. Chosen; no experiment recorded.
 const COMES_TO_REST: f64 = 1.05;
-/// Beginnings (theta, omega, q, dq): both angles and both velocities, each in its own direction; and a blow to the rotor.
-/// The help for two motions at once is not the sum of the help for each: a slow one may keep a quick one from having it.
+/// Beginnings (theta, omega, q, dq): both angles and both velocities, each in its own direction; and a blow to the
+/// rotor. The help for two motions at once is not the sum of the help for each: a slow one may keep a quick one from
+/// having it. Their sizes do not matter, as the help is homogeneous.
 const BEGINNINGS: [[f64; 4]; 2] = [[1e-3, -0.05, -5e-4, 0.1], [0.0, 0.05, 0.0, 0.0]];
 
-/// Whether the joint comes to rest in simulations in time, where the drive makes `gain` times the torque that it should.
-/// It is judged by the velocity of the torsion: in the torsion itself a slow motion hides a quick ringing that grows.
-/// The help for a hand is proportional to the state, as all else in the loop, so one size of each beginning will do.
+/// Whether the joint comes to rest in simulations in time, where the drive makes `gain` times the torque that it
+/// should. It is judged by the velocity of the torsion: in the torsion itself a slow motion hides a quick ringing that
+/// grows. The help for a hand is proportional to the state, as all else in the loop, so one size of each beginning will
+/// do.
 pub(super) fn comes_to_rest(joint: &JointLoop, load: Load, gain: f64) -> bool {
     let mut simulated = Simulated::new(joint, load);
     simulated.gain = gain;

@@ -46,13 +46,14 @@ pub struct MotorSideLoop {
     pub torsion_bandwidth: f64,
 }
 
-/// Damping of the gear as a share of that which is critical for the rotor.
+/// Damping of the gear as a share of that which is critical for the rotor. Chosen on the simulated leg, whose gears
+/// have it (config/leg/sim.toml).
 const GEAR_DAMPING: f64 = 0.02;
-/// Highest frequency of the open loop, over the rate of the samples.
+/// Highest frequency of the open loop, over the rate of the samples: Nyquist's.
 const HIGHEST: f64 = 0.5;
 /// Frequency from which on `1 + L` is followed, Hz: there the poles at zero are all that counts.
 const SLOWEST: f64 = 1e-3;
-/// Least K_i that is looked for, 1/s.
+/// Least K_i that is looked for, 1/s: a feedback of less needs longer than 2 s. Chosen; no experiment recorded.
 const LEAST_K_I: f64 = 0.5;
 
 /// Responses at one frequency, per torque of the motor.

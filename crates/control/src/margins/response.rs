@@ -6,7 +6,7 @@ use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix, DVector, Schur};
 use std::f64::consts::{PI, TAU};
 
-/// Lowest frequency of interest, Hz.
+/// Lowest frequency of interest, Hz. Chosen; no experiment recorded.
 pub(super) const LOWEST: f64 = 0.2;
 /// Frequencies of a curve.
 const POINTS: usize = 300;

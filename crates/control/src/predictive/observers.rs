@@ -77,8 +77,8 @@ pub(super) struct Uncertainty {
 
 /// Samples after a gap from which on the stationary gains hold again.
 const SETTLED: u32 = 60;
-/// Variance by which the last state walks in a period of a gap, over that of any other period: what was known of
-/// it is forgotten.
+/// Variance by which the last state walks in a period of a gap, over that of any other period. It is far above one, so
+/// that what was known of it is forgotten. Chosen; no experiment recorded.
 const GAP_WALK: f64 = 1e7;
 
 impl Uncertainty {

@@ -359,6 +359,8 @@ impl LawParameters {
     /// a shorter way than the foreseen one: what is late of it comes back through the observer later still, and both
     /// feed a swing that never ends. Below this velocity it is a negative damping, two thirds of the drive's own.
     fn sliding_velocity(&self) -> f64 {
+        // Chosen on the simulated leg and humanoid, and on a UR5 in MuJoCo (docs/control-law.md, Friction that is
+        // foreseen).
         const SHARE: f64 = 2.0 / 3.0;
         let damping = match self.drive {
             DriveLoop::Position { damping, .. } => damping,
@@ -392,8 +394,8 @@ impl LawParameters {
     }
 }
 
-/// The sign of `x`, made continuous from -3 to 3: the Padé approximant of tanh, which ends there with slope 0. A call of
-/// tanh for each of thirty joints is 3 % of a cycle.
+/// The sign of `x`, made continuous from -3 to 3: the Padé approximant of tanh, which ends there with slope 0. A call
+/// of tanh for each of thirty joints is 3 % of a cycle.
 fn smooth_sign(x: f64) -> f64 {
     let x = x.clamp(-3.0, 3.0);
     x * (27.0 + x * x) / (27.0 + 9.0 * x * x)

@@ -1,6 +1,6 @@
 //! Reference model: how the torque is to follow what is desired.
 
-/// Damping ratio of the model.
+/// Damping ratio of the model: its step goes beyond by exp(-0.8 pi / 0.6) = 1.5 %.
 pub(super) const DAMPING: f64 = 0.8;
 
 /// `w'' = w_r² (tau_d - w) - 2 zeta w_r w'`, solved exactly over a period in which `tau_d` is

@@ -9,9 +9,10 @@ use estimators::joint::{JointSample, JointTorqueEstimator};
 use robot_config::{JointParameters, Robot};
 use robot_state::{JointEstimated, JointMeasured};
 
-/// Poles of the low-pass of the torque from current: with a link-side encoder, and without.
+/// Poles of the low-pass of the torque from current: with a link-side encoder, and without. At 1 kHz they are 9.5 ms
+/// and 1.4 ms; at another rate these times change with the period. Chosen; no experiment recorded.
 const POLES: [f64; 2] = [0.9, 0.5];
-/// |dq| over which friction changes sign, rad/s of a revolute joint.
+/// |dq| over which friction changes sign, rad/s of a revolute joint. Chosen; no experiment recorded.
 const SIGN_SMOOTHING: f64 = 0.02;
 
 /// |dq| over which the joint's friction changes sign, rad/s.

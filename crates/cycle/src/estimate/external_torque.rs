@@ -27,7 +27,8 @@ use super::whole_body::{Place, estimator};
 use crate::events::{Counts, Subject};
 use crate::measure::{Measure, NOT_USED};
 
-/// Time in which the level follows, s: a change of the torque counts for so long.
+/// Time in which the level follows, s: a change of the torque counts for so long (docs/contact.md).
+/// Chosen; no experiment recorded.
 const LATELY_S: f64 = 0.5;
 /// Samples that may be missing in a row: one is bridged well enough for a second derivative.
 const BRIDGED: u32 = 1;

@@ -13,7 +13,7 @@ use dynamics::Motion;
 use robot_config::{JointParameters, Robot};
 use robot_state::{EstimatedRecord, MAX_FT_SENSORS, MeasuredRecord, Wrench, measured_flags};
 
-/// Length of a block, s: what counts is 0.1 to 0.3 s old.
+/// Length of a block, s: what counts is 0.1 to 0.3 s old, so that a fault that is found within 0.1 s is not in it.
 const BLOCK: f64 = 0.1;
 /// Signals with one of these say nothing about loads.
 const UNSOUND: u32 = measured_flags::NEVER

@@ -7,7 +7,8 @@
 use robot_config::Robot;
 use robot_state::{CommandedRecord, DriveState};
 
-/// Time after enabling in which brakes let go, s: before it the current does not show the joint's torque.
+/// Time after enabling in which brakes let go, s: before it the current does not show the joint's torque. The simulated
+/// ones take 20 ms. Chosen; no experiment recorded.
 pub(crate) const SETTLING_S: f64 = 0.5;
 
 /// The drives of a robot.

@@ -9,16 +9,15 @@
 //!   in a client's mode
 //! ```
 //!
-//! No single sensor can move the joint. The *weight* is that of the model where both encoders showed
-//! the joint last, under the [loads](crate::estimate::GravityLoad) of some time before, so of before a sensor
-//! failed; from then on no F/T sensor and no IMU is used. An *anchored*
-//! joint is held by a spring, damping and an integral of the angle by which **both** encoders show it
-//! away from where it was anchored: the smaller of both angles, none where they have opposite
-//! directions. The same holds for velocities, so that damping takes energy from the joint whichever
-//! encoder is wrong. A *damped* joint carries its weight; where it moves on the way of that torque
-//! after the time for stopping, the torque is what moves it, and fades out. Where its encoders are not trusted, the sign
-//! of both may be what is wrong, and damping would drive the joint: it is braked against the direction that they showed
-//! before, and one that stood by no more than a share of its torque; else no longer.
+//! No single sensor can move the joint. The *weight* is that of the model where both encoders showed the joint last,
+//! under the [loads](crate::estimate::GravityLoad) of some time before, so of before a sensor failed; from then on no
+//! F/T sensor and no IMU is used. An *anchored* joint is held by a spring, damping and an integral of the angle by
+//! which **both** encoders show it away from where it was anchored: the smaller of both angles, none where they have
+//! opposite directions. The same holds for velocities, so that damping takes energy from the joint whichever encoder is
+//! wrong. A *damped* joint carries its weight; where it moves on the way of that torque after the time for stopping,
+//! the torque is what moves it, and fades out. Where its encoders are not trusted, the sign of both may be what is
+//! wrong, and damping would drive the joint: it is braked against the direction that they showed before, and one that
+//! stood by no more than a share of its torque; else no longer.
 
 use control::margins::INTEGRAL_TIMES;
 use robot_state::JointCommanded;
@@ -26,17 +25,21 @@ use supervisor::Motion;
 
 use super::transition::Stop;
 
-/// Velocity below which a damped joint is anchored where it is, over that of rest.
+/// Velocity below which a damped joint is anchored where it is, over that of rest. Chosen; no experiment recorded.
 const SLOW: f64 = 2.5;
-/// Time for stopping a damped joint, and time in which a torque fades out that moves the joint afterwards, s.
+/// Time for stopping a damped joint, and time in which a torque fades out that moves the joint afterwards, s
+/// (docs/safety-promises.md, 19). Chosen; no experiment recorded.
 const STOPPING_TIME: f64 = 0.3;
-/// Time in which a change of torque of the size of the limit is led over where no fault presses, s.
+/// Time in which a change of torque of the size of the limit is led over where no fault presses, s: that of a change of
+/// mode (`DURATION_S` of transition.rs).
 const LEAD_OVER_TIME: f64 = 0.3;
 /// Periods without a sample from which on velocities are not those of the joint, and the cycles until
 /// the velocity filter's window has nothing of them any more.
 const BRIDGED: u32 = 5;
 const WINDOW: u32 = 20;
 /// Share of the torque limit by which a joint is braked that stood when its encoders were trusted last.
+/// Chosen on the simulated test joint, with ten lies of an encoder in hold and in motion
+/// (`crates/cycle/tests/current.rs`).
 const DOUBTED_SHARE: f64 = 0.15;
 
 /// Torque that the joint is held with.

@@ -387,8 +387,8 @@ impl Controller {
 }
 
 impl Followed {
-    /// A mode goes on from the torque, and from where the joint is, to which its drive has led it on its own in a gap of
-    /// the loop.
+    /// A mode goes on from the torque, and from where the joint is, to which its drive has led it on its own in a gap
+    /// of the loop.
     fn resume(&mut self, torque: f64, follow: &Follow, (q, dq): (f64, f64), joint: &Constants) {
         self.transition = Transition::resuming(torque);
         if let Some(spring) = &follow.spring {

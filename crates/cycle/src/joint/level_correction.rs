@@ -16,9 +16,11 @@
 use robot_config::{FastTorqueFeedback, Parameters, TorqueLaw};
 use robot_state::{TorqueEstimate, torque_flags};
 
-/// Time constant of the correction, s.
+/// Time constant of the correction, s. Chosen on the simulated leg, whose knee is wrong for half a second
+/// (docs/cartesian.md, The level of the F/T sensors).
 const FOLLOWS_S: f64 = 0.01;
-/// B, share of the torque limit.
+/// B, share of the torque limit. Chosen on the simulated leg, whose knee is wrong by 3 % (docs/cartesian.md, The level
+/// of the F/T sensors).
 const MOST: f64 = 0.05;
 
 /// Corrections of all joints, N·m.

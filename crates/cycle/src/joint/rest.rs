@@ -39,8 +39,8 @@ pub(super) fn friction(joint: &JointParameters, parameters: &Parameters) -> f64 
     joint.torque_friction.unwrap_or(least).min(limits.torque)
 }
 
-/// Share of the torque limit by which the torque of a joint that was let go may be wrong: the level that a joint keeps
-/// which stands, hysteresis and windup of its gear, and the model's weight.
+/// Share of the torque limit by which the torque of a joint that was let go may be wrong. It covers the level that a
+/// joint keeps which stands, hysteresis and windup of its gear, and the model's weight. Chosen; no experiment recorded.
 const LET_GO_SHARE: f64 = 0.002;
 
 /// F of a joint that mode passive lets go, N·m: no gravity brings it back, as its torque carries its weight.
@@ -52,7 +52,7 @@ pub(super) fn friction_let_go(joint: &JointParameters, parameters: &Parameters) 
     friction(joint, parameters).max(least)
 }
 
-/// Standard deviations within which a torque is that nothing has levelled.
+/// Standard deviations within which a torque is that nothing has levelled. Chosen; no experiment recorded.
 const SIGMAS: f64 = 3.0;
 
 /// Standard deviations of the torque by encoders that a joint which was let go is held against: none where F/T sensors

@@ -7,10 +7,11 @@
 //! o(s) = e (1 - 10 s³ + 15 s⁴ - 6 s⁵) + v T (s - 6 s³ + 8 s⁴ - 3 s⁵)      s = t / T
 //! ```
 
-/// Shortest T, s, and share of the velocity limit by which a joint catches up at most because of `e`.
+/// Shortest T, s. Chosen on the simulated leg, lift-gripper and humanoid (docs/control-law.md, A gap of the loop).
 const SHORTEST_S: f64 = 0.2;
+/// Share of the velocity limit by which a joint catches up at most because of `e`. Chosen as [`SHORTEST_S`].
 const CATCH_UP: f64 = 0.1;
-/// Greatest slope of the first polynomial.
+/// Greatest slope of the first polynomial: `30 s² (1 - s)²` is 15/8 at s = 1/2.
 const STEEPEST: f64 = 1.875;
 
 /// Back to the reference.

@@ -38,27 +38,30 @@ const ANGLES: usize = 6;
 const CURRENTS: usize = 4;
 /// Commands, currents, changes of the angle, the oldest angle, c.
 const TERMS: usize = PERIODS + CURRENTS + ANGLES + 2;
-/// Blocks of a measurement, an even number, and the least and greatest time of one, s: longer than what the
-/// loop's answers last.
+/// Blocks of a measurement, an even number.
 const BLOCKS: usize = 10;
+/// Least and greatest time of a block, s: longer than what the loop's answers last. Chosen; no experiment recorded.
 const BLOCK_S: [f64; 2] = [0.1, 0.4];
-/// Standard deviations by which a response differs from zero and from those of other periods. Of ten blocks
-/// they are uncertain by a quarter.
+/// Standard deviations by which a response differs from zero and from those of other periods. Of ten blocks they are
+/// uncertain by a quarter: four of them are at least three true ones.
 const KNOWN: f64 = 4.0;
 /// Greatest share of the greatest response that another period may have, but for the neighbours.
+/// Chosen; no experiment recorded.
 const OTHER: f64 = 0.5;
-/// Greatest standard deviation of the centre, periods.
+/// Greatest standard deviation of the centre, periods. Chosen; no experiment recorded.
 const CENTRE: f64 = 0.2;
-/// Variance of where in a period a command acts, periods².
+/// Variance of where in a period a command acts, periods²: that of a uniform distribution.
 const WITHIN: f64 = 1.0 / 12.0;
-/// Periods that the measured delay may leave the range that the configured one explains, and standard
-/// deviations of its centre besides.
+/// Periods that the measured delay may leave the range that the configured one explains.
+/// Chosen; no experiment recorded.
 const SLACK: f64 = 0.25;
+/// Standard deviations of the measured delay's centre besides [`SLACK`]: one of 370 measurements of a normal
+/// distribution is beyond three.
 const SIGMAS: f64 = 3.0;
 /// Measurements in a row of another delay than configured that raise the event: a burst of lost commands is
 /// none.
 const IN_A_ROW: u32 = 2;
-/// Share of earlier measurements' weight that is left with the next one of the joint.
+/// Share of earlier measurements' weight that is left with the next one of the joint. Chosen; no experiment recorded.
 const KEPT: f64 = 0.7;
 
 type Matrix = SMatrix<f64, TERMS, TERMS>;

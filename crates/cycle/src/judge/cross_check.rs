@@ -115,5 +115,5 @@ fn friction(joint: &JointParameters) -> f64 {
     }
 }
 
-/// Greatest friction at rest over that in motion.
+/// Greatest friction at rest over that in motion: as `STICTION` of joint/law/motor_side.rs.
 const STICTION: f64 = 1.5;

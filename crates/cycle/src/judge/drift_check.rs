@@ -10,12 +10,12 @@
 //! e_1 = T - (k_1 i - k_2 omega - k_3 sign(omega) - J omega')     by motor current (D3)
 //! ```
 //!
-//! `b` is what `e` was as the joint came to stand, and follows it slowly: creep of the gear and warming sensors are
-//! no news. While the joint stands friction hides from the current which source errs, and any of them does. When it
-//! has moved off, something that presses where no sensor measures it looks alike, but `e_1` is then that of friction;
-//! of an encoder that drifts it is `e - b`. The nearer of both is believed. A change that is faster than such a drift
-//! is a hand's or an impact, and begins the judgement anew, as does a joint that has come to stand elsewhere; [`TorsionCheck`](super::torsion_check) judges what is
-//! that fast.
+//! `b` is what `e` was as the joint came to stand, and follows it slowly: creep of the gear and warming sensors are no
+//! news. While the joint stands friction hides from the current which source errs, and any of them does. When it has
+//! moved off, something that presses where no sensor measures it looks alike, but `e_1` is then that of friction; of an
+//! encoder that drifts it is `e - b`. The nearer of both is believed. A change that is faster than such a drift is a
+//! hand's or an impact, and begins the judgement anew, as does a joint that has come to stand elsewhere;
+//! [`TorsionCheck`](super::torsion_check) judges what is that fast.
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, measured_flags};
@@ -26,32 +26,39 @@ use crate::estimate::{KINEMATIC_SLOPE, valid};
 use crate::events::Subject;
 use crate::measure::NOT_USED;
 
-/// Time constants of `e` and `e_1`: the usual one, and those between which a change is a hand's, s.
+/// Time constant of `e` and `e_1`, s. Chosen on the simulated leg with slow drifts and with hands
+/// (`crates/cycle/tests/slow_drifts.rs`), and tried on `rt-tests/second-robot`.
 const FILTER_S: f64 = 0.03;
+/// Time constants of `e` between which a change is a hand's, s. Chosen as [`FILTER_S`].
 const QUICK_S: [f64; 2] = [0.01, 0.06];
-/// Change between these that is no slow drift's, share of the torque limit: 20 % of it a second.
+/// Change between the time constants [`QUICK_S`] that is no slow drift's, share of the torque limit: 20 % of it a
+/// second. Chosen as [`FILTER_S`].
 const QUICK: f64 = 0.01;
-/// Way within which the joint stands, rad: friction and bristles give way by as much.
+/// Way within which the joint stands, rad: friction and bristles give way by as much. Chosen as [`FILTER_S`].
 const STANDS_WITHIN: f64 = 0.3 * core::f64::consts::PI / 180.0;
-/// Change of the desired torque that is none, share of the torque limit.
+/// Change of the desired torque that is none, share of the torque limit. Chosen as [`FILTER_S`].
 const SAME_TORQUE: f64 = 0.005;
-/// Time in which `b` settles after the joint came to stand, s, and its time constants while it does and then.
+/// Time in which `b` settles after the joint came to stand, s. Chosen as [`FILTER_S`].
 const SETTLES_S: f64 = 0.3;
+/// Time constant of `b` while it settles, s. Chosen as [`FILTER_S`].
 const SETTLING_TIME_S: f64 = 0.1;
+/// Time constant of `b` once it has settled, s. Chosen as [`FILTER_S`].
 const CREEP_TIME_S: f64 = 3.0;
-/// Change that counts, share of the torque limit: a sound leg's is 0.1 %, and one of 1 % moves a knee.
+/// Change that counts, share of the torque limit. Chosen on the simulated leg: a sound one's is 0.1 %, and one of 1 %
+/// moves a knee.
 const SHARE: f64 = 0.007;
-/// The same in counts of the encoders: between two of them the torque stands.
+/// Change that counts, in counts of the encoders: between two of them the torque stands. Chosen as [`FILTER_S`].
 const NOISE_COUNTS: f64 = 1.5;
-/// Change per change of the torque itself, which a stiffness may make wrong.
+/// Change per change of the torque itself, which a stiffness may make wrong. Chosen as [`FILTER_S`].
 const SCALE: f64 = 0.3;
 /// Way over which a kinematic error of two periods per turn of the wave generator grows, motor side, rad.
+/// Chosen as [`FILTER_S`].
 const KINEMATIC_WAY: f64 = 0.5;
-/// Velocity, in widths over which friction changes sign, from which on the motor turns.
+/// Velocity, in widths over which friction changes sign, from which on the motor turns. Chosen as [`FILTER_S`].
 const TURNS: f64 = 3.0;
-/// Share of `e - b` from which on `e_1` is nearer to it than to none.
+/// Share of `e - b` from which on `e_1` is nearer to it than to none: half.
 const NEARER: f64 = 0.5;
-/// Time for which it must last, s.
+/// Time for which a drift must last, s. Chosen as [`FILTER_S`].
 const LASTS_S: f64 = 0.03;
 
 /// What was known when the joint came to stand.

@@ -23,24 +23,25 @@ use super::{Check, Evidence, Verdict};
 use crate::estimate::valid;
 use crate::measure::NOT_USED;
 
-/// Shares of the torque limit beyond which both errors count: while the motor stands, and while it turns. The
-/// first is what a data sheet's stiffness, an uncalibrated kinematic error and a torque constant leave together.
+/// Share of the torque limit beyond which both errors count while the motor stands: what a data sheet's stiffness, an
+/// uncalibrated kinematic error and a torque constant leave together. Chosen; no experiment recorded.
 const SHARE: f64 = 0.2;
+/// Share of the torque limit beyond which both errors count while the motor turns. Chosen; no experiment recorded.
 const SHARE_TURNING: f64 = 0.1;
-/// Share of the torque itself by which a motor's torque constant may be wrong besides.
+/// Share of the torque itself by which a motor's torque constant may be wrong besides. Chosen; no experiment recorded.
 const TORQUE_CONSTANT: f64 = 0.15;
 /// Coulomb frictions by which the current may differ besides: 1 for static friction above sliding one; half of it
 /// while the motor turns, as it changes with load and temperature.
 const FRICTION: f64 = 1.25;
 const FRICTION_TURNING: f64 = 0.5;
-/// Velocity, in widths over which friction changes sign, from which on the motor turns.
+/// Velocity, in widths over which friction changes sign, from which on the motor turns. Chosen; no experiment recorded.
 const TURNS: f64 = 5.0;
 /// Share of the torque limit beyond which `e_2` alone forbids to enable a joint: an arm that lies on something has
 /// its weight in it.
 const SHARE_OFF: f64 = 0.5;
 /// Time constant of the errors, s: that of the torque from F/T sensors and IMU, which is so late.
 const FILTER_S: f64 = 0.05;
-/// Time for which they must last, s.
+/// Time for which the errors must last, s. Chosen; no experiment recorded.
 const LASTS_S: f64 = 0.1;
 
 /// One joint.

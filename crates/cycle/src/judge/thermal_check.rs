@@ -17,7 +17,8 @@ const LOADS: [f64; 2] = [0.8, 1.0];
 /// Load at which the robot stops: a current a tenth above the continuous one, for ever. The torque limit bounds the
 /// current by a motor's model, whose torque constant and friction are not known better.
 const STOP_LOAD: f64 = 1.21;
-/// An event lasts until the level is lower by this share of the way from warning to stop.
+/// An event lasts until the level is lower by this share of the way from warning to stop, so that noise does not repeat
+/// it. Chosen; no experiment recorded.
 const HYSTERESIS: f64 = 0.05;
 
 /// Levels at which a drive is warned of, derated, fully derated, and stops the robot.

@@ -24,7 +24,8 @@ use robot_config::{Robot, Sampled, Sampling};
 
 use crate::time::{SECONDS_PER_NS, Stamp};
 
-/// Own periods after which the next sample of a source with a clock of its own is overdue.
+/// Own periods after which the next sample of a source with a clock of its own is overdue: it may send none between two
+/// cycles though it has missed none.
 pub(crate) const OVERDUE: f64 = 2.0;
 /// Value, first and second derivative.
 pub(crate) type Outputs = [f64; 3];

@@ -19,16 +19,19 @@ use super::filtered::Filtered;
 use crate::events::{Counts, Subject};
 
 /// Time constant of the mean differences, s: impacts and steps of the joints are shorter.
+/// Chosen; no experiment recorded.
 const MEAN_S: f64 = 0.5;
-/// The same of what is looked at before one stands in, s, and the factor of the limits there: an IMU that has begun to
-/// err at the same time as the first one is not in the longer mean yet.
+/// Time constant of the mean differences that count before an IMU stands in, s. One that has begun to err at the same
+/// time as the first one is not in the longer mean yet. Chosen on the simulated humanoid, by pairs of faults
+/// (docs/safety-limits.md, Two faults at once).
 const QUICK_S: f64 = 0.05;
+/// Factor of the limits of the mean differences over [`QUICK_S`]. Chosen as [`QUICK_S`].
 const QUICK_FACTOR: f64 = 2.0;
-/// Part of the limits below which a disagreement ends.
+/// Part of the limits below which a disagreement ends. Chosen; no experiment recorded.
 const AGREES: f64 = 0.7;
-/// Time of agreement before an IMU may stand in for another, s.
+/// Time of agreement before an IMU may stand in for another, s. Chosen; no experiment recorded.
 const TRUSTED_S: f64 = 1.0;
-/// Time over which one passes on to the other, s.
+/// Time over which one IMU passes on to the other, s. Chosen; no experiment recorded.
 const BLEND_S: f64 = 0.05;
 
 /// No motion was shown yet.
@@ -331,8 +334,8 @@ impl Imus {
         found.map(|(place, _)| place)
     }
 
-    /// Whether nothing shows the base's motion although the first one seems sound: it was lost, and what stood in for it
-    /// is gone before they agreed. That is over when another one has agreed with it, or nothing has depended on it,
+    /// Whether nothing shows the base's motion although the first one seems sound: it was lost, and what stood in for
+    /// it is gone before they agreed. That is over when another one has agreed with it, or nothing has depended on it,
     /// for a second.
     pub(super) fn is_doubted(&mut self, holds: bool, dt: f64) -> bool {
         let doubted = self.first_doubted && self.stand_in.is_none();

@@ -7,7 +7,8 @@ use super::filtered::Filtered;
 use super::joint::JointReader;
 use crate::time::{SECONDS_PER_NS, Stamp};
 
-/// Most skipped cycles that are bridged; after a longer gap the filters hold no sample anyway.
+/// Most skipped cycles that are bridged: after a longer gap the default filters, of at most 80 samples, hold none
+/// anyway.
 const MAX_BRIDGED: f64 = 100.0;
 
 impl Measure {

@@ -31,14 +31,15 @@ impl MotorSample {
     }
 }
 
-/// Velocity from which on friction is known to oppose the motion that ended, rad/s.
+/// Velocity from which on friction is known to oppose the motion that ended, rad/s. Chosen; no experiment recorded.
 const SLIDES: f64 = 0.05;
-/// Shares of Coulomb friction by which a torque may rise in the direction in which the motor slid last,
-/// and otherwise, before the motor moves: static friction exceeds sliding friction, and friction that
-/// has held the motor back may have to be overcome in the other direction.
+/// Shares of Coulomb friction by which a torque may rise in the direction in which the motor slid last, and otherwise,
+/// before the motor moves. Static friction is up to 1.5 of sliding friction: 0.5 more onwards, and 1 + 1.5 where it has
+/// to be overcome in the other direction.
 const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
 
 /// Ways at the end of which a motor may stand at once, from which on half of the samples are enough.
+/// Chosen; no experiment recorded.
 const CERTAIN: f64 = 3.0;
 
 /// Where a motor stands since its last motion.

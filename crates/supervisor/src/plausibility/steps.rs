@@ -1,6 +1,7 @@
 //! Steps: an angle that leaves its course from one sample to the next and goes on beside it.
 
 /// Share of the way since the last sample by which instants of sampling may make the next one differ.
+/// Chosen; no experiment recorded.
 pub(super) const JITTER: f64 = 0.25;
 
 /// A step of an angle between two samples.

@@ -8,13 +8,16 @@
 //! [`SETTLING_S`] after a motion the feedback follows freely, as the torque is late; when the desired torque has
 //! stood for as long, the feedback that it has led to is the one that stands.
 
-/// Angle within which a joint stands, rad.
+/// Angle within which a joint stands, rad. Chosen on the simulated leg without link-side encoders, with F/T sensors
+/// that err (docs/results/motor-alone.md).
 const STANDS_WITHIN: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Time after which the feedback has settled, s: of an integral of at least 3 per second, and the torque's delay.
+/// Time after which the feedback has settled, s: of an integral of at least 3 per second, of whose step exp(-4.5) = 1 %
+/// is left, and the torque's delay.
 const SETTLING_S: f64 = 1.5;
-/// Change of the feedback without a cause: creep of gear and sensor; and change of the desired torque below which
-/// it stands: shares of the torque limit.
+/// Change of the feedback without a cause, share of the torque limit: creep of gear and sensor.
+/// Chosen as [`STANDS_WITHIN`].
 const CREEP_SHARE: f64 = 5e-4;
+/// Change of the desired torque below which it stands, share of the torque limit. Chosen; no experiment recorded.
 const SAME_SHARE: f64 = 5e-3;
 
 /// A joint that stands, and what its feedback may be.
