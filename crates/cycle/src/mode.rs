@@ -43,11 +43,11 @@ pub(crate) use task::{
 /// How a joint in contact is answered by its limb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Answer {
-    /// It is braked at once.
+    /// The limb is braked at once.
     Stop,
-    /// It goes soft.
+    /// The limb goes soft.
     Comply,
-    /// It goes back on its way.
+    /// The limb goes back on its way.
     Retract,
 }
 
@@ -228,7 +228,7 @@ impl Modes {
             .and_then(Option::as_deref);
         match own {
             None if mode == Mode::Hold => Ok(Goal::Hold),
-            // One that the robot does not have is not possible; its reference is not wrong for that.
+            // A mode that the robot does not have is not possible; its reference is not wrong for that.
             None => Ok(Goal::Follow(mode, reference)),
             Some(own) if own.accepts(self.references.bounds(), reference) => {
                 Ok(Goal::Follow(mode, reference))

@@ -18,18 +18,21 @@ use super::{Answer, Asked, Entry, Feedback, Follow, Goal, JointGoal, RigidBody, 
 use crate::estimate::Loads;
 use crate::inputs::Seen;
 
-/// Length of the way that is remembered, s, and time between its poses, s.
+/// Length of the way that is remembered, s. Chosen; no experiment recorded.
 const MEMORY_S: f64 = 1.0;
+/// Time between the poses of the way that is remembered, s. Chosen; no experiment recorded.
 const POSES_S: f64 = 0.01;
-/// Time between the offsets of torques, s: what counts is up to twice as old, of before the contact.
+/// Time between the offsets of torques, s: what counts is up to twice as old, of before the contact, which is found
+/// within some 10 ms (docs/results/contact.md).
 const OFFSETS_S: f64 = 0.05;
-/// Least way that a limb goes back, over the configured one: one that has hardly moved did not come
-/// from anywhere.
+/// Least way that a limb goes back, over the configured one: one that has hardly moved did not come from anywhere.
+/// Chosen; no experiment recorded.
 const LEAST_WAY: f64 = 0.1;
-/// Share of the robot's weight on an end from which on a limb bears the robot.
+/// Share of the robot's weight on an end from which on a limb bears the robot: as `BEARS` of
+/// crates/control/src/support.rs.
 const BEARING: f64 = 0.1;
-/// Time for which the limb is braked at once before it yields, s: its own momentum makes the first
-/// and greatest force.
+/// Time for which the limb is braked at once before it yields, s: its own momentum makes the first and greatest force.
+/// Chosen; no experiment recorded.
 const BRAKING_S: f64 = 0.02;
 
 /// Where the limb yields to.
@@ -39,7 +42,7 @@ enum Way {
     Soft,
     /// Back to a pose.
     Back,
-    /// At an end, or not at all: it is stopped.
+    /// The limb does not yield, or no more: it is stopped.
     Ended,
 }
 
@@ -47,7 +50,7 @@ enum Way {
 #[derive(Debug, Clone)]
 struct Touched {
     way: Way,
-    /// It yields from this cycle on.
+    /// The limb yields from this cycle on.
     new: bool,
     /// Time for which it is still braked before, s.
     braking_s: f64,
@@ -379,7 +382,7 @@ impl Contact {
         })
     }
 
-    /// It does, and its limb yields.
+    /// Whether the joint is in the limb in contact, and that limb yields.
     fn yields(&self, joint: usize) -> bool {
         let contact = self.contact.as_ref();
         let yields = |c: &Touched| c.way != Way::Ended && c.braking_s == 0.0;

@@ -11,8 +11,8 @@ pub(crate) struct Impedance {
     pub(crate) damping: f64,
 }
 
-/// Time in which an impedance changes from nothing to the configured one, s: a spring that is stretched
-/// while it becomes stiffer pulls ever harder, and must not do so at once.
+/// Time in which an impedance changes from nothing to the configured one, s. A spring that is stretched while it
+/// becomes stiffer pulls ever harder, and must not do so at once. Chosen; no experiment recorded.
 const RAMP_S: f64 = 0.5;
 
 impl Impedance {

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::inputs::Seen;
 
-/// Largest learned torque, of the limit: beside a model more is an error of the file.
+/// Largest learned torque, of the limit: beside a model more is an error of the file. Chosen; no experiment recorded.
 const LEARNED_MOST: f64 = 0.5;
 
 #[derive(Debug)]

@@ -14,12 +14,13 @@ use super::{
 use crate::inputs::Seen;
 
 /// Torque of contacts on a joint, of its limit, from which on it bears: let go, its limb would give way.
+/// Chosen; no experiment recorded.
 const BEARS: f64 = 0.1;
 
 #[derive(Debug)]
 struct Joint {
     torque_limit: f64,
-    /// It was let go in the last cycle.
+    /// The joint was let go in the last cycle.
     is_free: bool,
     /// q_d at which it was held last in this mode, rad.
     held_at: f64,
@@ -85,8 +86,8 @@ impl ClientMode for Passive {
                 if contact > BEARS * own.torque_limit && !was_free {
                     bears |= 1 << j;
                 }
-                // One that was just let go goes soft at the place at which it was held: nobody has checked what
-                // its reference asks for now.
+                // A joint that was just let go goes soft at the place at which it was held: nobody has checked what its
+                // reference asks for now.
                 follow = Follow {
                     torque: RigidBodyTorque {
                         feedforward: free,

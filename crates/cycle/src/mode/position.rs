@@ -17,7 +17,7 @@ pub(super) struct Motions {
     on: bool,
     /// Target and speed that each joint was sent to last.
     targets: Vec<(f64, f64)>,
-    /// They are newer than those of the motion that is followed or being planned.
+    /// The targets are newer than those of the motion that is followed or being planned.
     newer: bool,
 }
 
@@ -57,8 +57,7 @@ impl Motions {
         self.newer |= self.take_targets(&reference);
         let ways = self.targets.iter().zip(&self.limits);
         let ways = ways.map(|((q, speed), limits)| (*q, limits.no_faster(*speed)));
-        // Of a target that the checks before have let pass there always is a motion; without one the
-        // joints stay.
+        // A target that passed the checks always has a motion; without one the joints stay.
         if begins {
             self.motion.go_to(ways);
             self.newer = false;
@@ -75,7 +74,7 @@ impl Motions {
         reference
     }
 
-    /// None is followed in this cycle.
+    /// Notes that no target is followed in this cycle.
     pub(super) fn end(&mut self) {
         self.on = false;
     }

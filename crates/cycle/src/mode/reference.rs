@@ -1,9 +1,9 @@
 //! Reference: whether a robot can do what its client asks for, as far as that is the same in all modes.
 //!
-//! In: a client's message, field by field. Out: the numbered flaw that forbids to follow it. Each message is judged by itself (finite, within the limits of joints and
-//! sensors) and against those before (positions and velocities move no faster than the joints may,
-//! and velocities are those of the positions). Values that a mode does not use are only to be
-//! finite.
+//! In: a client's message, field by field. Out: the numbered flaw that forbids to follow it. Each message is judged by
+//! itself (finite, within the limits of joints and sensors) and against those before (positions and velocities move no
+//! faster than the joints may, and velocities are those of the positions). Values that a mode does not use are only to
+//! be finite.
 //!
 //! A desired velocity that its positions do not make is a force: `K_d dq_d` pulls the joint off a
 //! `q_d` that stands still. So the way that `dq_d` makes ahead of `q_d` is followed, forgotten within
@@ -21,26 +21,29 @@ use supervisor::Limits;
 use super::{ClientMode, cartesian};
 use crate::time::SECONDS_PER_NS;
 
-/// Greatest first distance of a desired position from the measured one: the joint's way in this
-/// time at its velocity limit, s. Later ones may move at the velocity limit.
+/// Greatest first distance of a desired position from the measured one: the joint's way in this time at its velocity
+/// limit, s (docs/safety-promises.md, 6). Later ones may move at the velocity limit. Chosen; no experiment recorded.
 const FIRST_DISTANCE_S: f64 = 0.05;
 /// Desired positions and velocities may change this much faster than the limits, for clients' jitter.
+/// Chosen; no experiment recorded.
 const PACE: f64 = 1.5;
-/// Way that a desired position may make at once, rad (of a prismatic joint what counts as much), and as a
-/// share of the velocity limit the change that a desired velocity may.
+/// Way that a desired position may make at once, rad, or what counts as much of a prismatic joint. As a share of the
+/// velocity limit it is the change that a desired velocity may make at once. Chosen; no experiment recorded.
 const SLACK: f64 = 0.02;
-/// For rounding of values that are meant to be the limit.
+/// For rounding of values that are meant to be the limit: as `ROUNDING` of crates/control/src/trajectory.rs.
 const ROUNDING: f64 = 1.001;
-/// Desired torques up to this share of the limit are limited; greater ones are no torques of this
-/// joint, and refused.
+/// Desired torques up to this share of the limit are limited; greater ones are no torques of this joint, and refused.
+/// Chosen; no experiment recorded.
 const OVERDRIVEN: f64 = 2.0;
-/// Least speed of a motion to a target, as a share of the velocity limit.
+/// Least speed of a motion to a target, as a share of the velocity limit. Chosen; no experiment recorded.
 const SLOWEST: f64 = 1e-3;
-/// Time within which the way that `dq_d` is ahead of `q_d` is forgotten, s.
+/// Time within which the way that `dq_d` is ahead of `q_d` is forgotten, s. Chosen; no experiment recorded.
 const MEMORY_S: f64 = 0.1;
-/// Greatest such way: the joint's in this time at its velocity limit, s, and a share of the way that
-/// `dq_d` makes within `MEMORY_S`, as clients differentiate by differences.
+/// Greatest way that `dq_d` is ahead of `q_d`: the joint's in this time at its velocity limit, s. Two and a half cycles
+/// of a client at 1 kHz: velocities by differences are late.
 const AHEAD_S: f64 = 0.0025;
+/// Further way that `dq_d` may be ahead of `q_d`, as a share of the way that it makes within `MEMORY_S`: clients
+/// differentiate by differences. Chosen; no experiment recorded.
 const AHEAD_SHARE: f64 = 0.1;
 
 /// What joints and sensors can have.
@@ -74,7 +77,7 @@ struct Pace {
     credit: f64,
     /// Way that `dq_d` made and `q_d` did not, rad.
     ahead: f64,
-    /// Its position was not followed: it begins anew.
+    /// The joint's position was not followed: it begins anew.
     begins: bool,
 }
 
@@ -208,7 +211,7 @@ impl Bounds {
         self.motions_of(reference, |_| true)
     }
 
-    /// Those of the joints for which `is_used` are.
+    /// Motions of the joints for which `is_used` is true.
     pub(super) fn motions_of(
         &self,
         reference: &Reference,

@@ -1,8 +1,8 @@
 //! Rigid body: the joints' torques by inverse dynamics (D12).
 //!
 //! Contact wrenches that a client does not give are those by which the ground carries the robot in its desired motion
-//! ([`Support`]), and none on ends that bear nothing. Measured ones are late: fed forward they would ask of a joint what
-//! it bore some time before, which a robot on its feet does not survive, and what presses would press ever harder.
+//! ([`Support`]), and none on ends that bear nothing. Measured ones are late: fed forward they would ask of a joint
+//! what it bore some time before, which a robot on its feet does not survive, and what presses would press ever harder.
 
 use control::{InverseDynamics, Support};
 use robot_config::Robot;
@@ -105,8 +105,8 @@ impl RigidBody {
         self.set_torques(&carried);
     }
 
-    /// `M ddq_d + h_hat - J^T f*` for the desired contact wrenches, where the reference has any, else for those by which
-    /// the ground carries the robot; returns `f*`.
+    /// `M ddq_d + h_hat - J^T f*` for the desired contact wrenches, where the reference has any, else for those by
+    /// which the ground carries the robot; returns `f*`.
     pub(crate) fn follow(
         &mut self,
         reference: &Reference,
@@ -186,7 +186,7 @@ impl RigidBody {
         self.free.get(joint).copied().unwrap_or(0.0)
     }
 
-    /// What the measured contacts add to it, N·m.
+    /// Contribution of the measured contacts to the torque, N·m.
     pub(crate) fn by_contacts(&self, joint: usize) -> f64 {
         self.loaded.get(joint).copied().unwrap_or(0.0) - self.free(joint)
     }

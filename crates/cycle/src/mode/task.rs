@@ -12,7 +12,7 @@ pub(crate) struct Task {
 }
 
 impl Task {
-    /// With the estimated torque as feedback.
+    /// Task of a goal, with the estimated torque as feedback.
     pub(crate) fn of(goal: JointGoal) -> Self {
         Self {
             goal,
@@ -24,15 +24,15 @@ impl Task {
 /// What a joint is to do.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) enum JointGoal {
-    /// It stays where its last command holds it.
+    /// The joint stays where its last command holds it.
     #[default]
     Hold,
-    /// It is stopped at once, as something has failed.
+    /// The joint is stopped at once, as something has failed.
     Stop,
-    /// Its limb has met something: it is stopped where its set-point would be at rest, as one that came to rest
-    /// slowly would press on.
+    /// The joint's limb has met something: it is stopped where its set-point would be at rest, as a joint that came to
+    /// rest slowly would press on.
     StopPressing,
-    /// It follows a desired torque.
+    /// The joint follows a desired torque.
     Follow(Follow),
 }
 
@@ -57,7 +57,7 @@ impl Default for Feedback {
 pub(crate) struct Follow {
     /// The mode whose torque it is: a joint begins anew when it changes.
     pub(crate) mode: Mode,
-    /// How it begins.
+    /// How the joint begins.
     pub(crate) entry: Entry,
     pub(crate) torque: RigidBodyTorque,
     /// Spring and damper towards a desired motion; none: the torque alone.
@@ -71,11 +71,11 @@ pub(crate) struct Follow {
 /// How a joint begins to follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Entry {
-    /// In the time of a change of mode.
+    /// Entry within the time of a change of mode.
     Usual,
-    /// In the short time that a contact demands.
+    /// Entry within the short time that a contact demands.
     Contact,
-    /// As in a contact, and anew in this cycle whatever the joint has followed before.
+    /// Entry as in a contact, and anew in this cycle whatever the joint has followed before.
     ContactAnew,
 }
 
@@ -85,7 +85,7 @@ pub(crate) struct Spring {
     /// Desired position, rad, and velocity, rad/s, at the instant of this cycle.
     pub(crate) q_d: f64,
     pub(crate) dq_d: f64,
-    /// None: the configured stiffness and damping.
+    /// Stiffness and damping of the spring; none: the configured ones.
     pub(crate) impedance: Option<Impedance>,
     pub(crate) foresight: Foresight,
 }
@@ -93,7 +93,7 @@ pub(crate) struct Spring {
 /// Part of the desired motion that the joint is going to make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Foresight {
-    /// None, as something else leads the joint.
+    /// No friction is foreseen, as something else moves the joint.
     None,
     /// Less the softer the joint is asked to be.
     ByDamping,
@@ -105,9 +105,9 @@ pub(crate) enum Foresight {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Bristle {
     None,
-    /// That of a joint whose torque a client gives.
+    /// Friction of a joint whose torque a client gives.
     Torque,
-    /// That of a joint which is let go.
+    /// Friction of a joint that is let go.
     LetGo,
 }
 

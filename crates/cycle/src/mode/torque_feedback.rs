@@ -14,7 +14,8 @@ use super::{
 };
 use crate::inputs::Seen;
 
-/// Time in which the bandwidth of the carried torque rises from nothing to its largest, s: that of an impedance.
+/// Time in which the bandwidth of the carried torque rises from nothing to its largest, s: that of an impedance
+/// (`RAMP_S` of impedance.rs).
 const RISE_S: f64 = 0.5;
 
 #[derive(Debug)]
@@ -36,7 +37,7 @@ struct TorqueFeedback {
 
 pub(super) fn make(robot: &Robot) -> Made {
     let p = &robot.parameters;
-    // Its margins are known of torque without delay alone.
+    // Margins of the torque feedback are known of torque without delay alone.
     let predictive = matches!(p.torque_law, TorqueLaw::Predictive(_));
     if !predictive || p.joints.iter().any(|joint| !joint.has_link_encoder) {
         return Ok(None);

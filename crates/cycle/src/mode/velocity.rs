@@ -13,11 +13,11 @@ use super::inverse_dynamics::tracking;
 use super::{Asked, Bounds, ClientMode, Follow, JointBits, JointGoal, Made, RigidBody, Task};
 use crate::inputs::Seen;
 
-/// For rounding of velocities that are meant to be the limit.
+/// For rounding of velocities that are meant to be the limit: as `ROUNDING` of crates/control/src/trajectory.rs.
 const ROUNDING: f64 = 1.001;
 
-/// Torque of the spring towards the desired position, of the limit, from which on a joint is waited for: an unknown payload
-/// of that much is still moved.
+/// Torque of the spring towards the desired position, of the limit, from which on a joint is waited for: an unknown
+/// payload of that much is still moved. Chosen; no experiment recorded.
 const LEAD_SHARE: f64 = 0.3;
 
 /// See the module.

@@ -11,9 +11,10 @@
 //! It acts on joints that move the way of that torque alone: what pushes the frame back meets none of it. It takes
 //! energy only, and vanishes with the velocity, so that a contact that is made or lost makes no step.
 
-/// Shares of the asked torque that are not borne, from which on a contact counts as made, and as not there.
+/// Shares of the desired torque that no contact bears, from which on a contact counts as made, and as not there.
+/// Chosen on the simulated leg, in free air and on 20 and 75 kN/m (docs/cartesian.md, Approach).
 const SHORT: [f64; 2] = [0.05, 0.2];
-/// Greatest share of the damping that a joint may have.
+/// Greatest share of the damping that a joint may have: 5 % stay for the posture (`posture_damping_per_cent`).
 const MOST: f64 = 0.95;
 
 /// All joints of a limb.
@@ -69,7 +70,7 @@ pub(super) struct Approach {
 }
 
 impl Approach {
-    /// At most `slow` (rad/s), of a joint that may be damped by `most` (N·m·s/rad).
+    /// Approach at most at `slow` (rad/s), of a joint that may be damped by `most` (N·m·s/rad).
     fn new(slow: f64, most: f64) -> Self {
         Self {
             slow,
@@ -83,7 +84,7 @@ impl Approach {
         (self.damping, self.way) = (0.0, 0.0);
     }
 
-    /// Its torque at this velocity, N·m.
+    /// Torque of the approach's damping at this velocity, N·m.
     pub(super) fn torque(&self, dq: f64) -> f64 {
         if dq * self.way > 0.0 {
             -self.damping * dq
@@ -92,7 +93,7 @@ impl Approach {
         }
     }
 
-    /// For the next cycle: the torque of the force that is asked for, and the part of it that is not borne, N·m.
+    /// Sets the next cycle's values: the torque of the desired force, and the part of it that no contact bears, N·m.
     pub(super) fn follow(&mut self, asked: f64, short: f64) {
         let (size, asked) = (short.abs(), asked.abs());
         let [made, none] = SHORT;

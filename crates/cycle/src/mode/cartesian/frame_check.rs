@@ -6,11 +6,13 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3, Vector6};
 use robot_config::{FrameParameters, Robot};
 use robot_state::{FrameReference, JointMeasured, MAX_FRAMES, MeasuredRecord, Reference};
 
-/// Departure of a quaternion's length from 1 that counts as rounding.
+/// Departure of a quaternion's length from 1 that counts as rounding: four components of four written digits err by
+/// less.
 const QUATERNION: f64 = 1e-3;
-/// Time whose way at the greatest velocity a frame's first target may be away, s.
+/// Time whose way at the greatest velocity a frame's first target may be away, s: as that of joints (`FIRST_DISTANCE_S`
+/// of mode/reference.rs).
 const FIRST_DISTANCE_S: f64 = 0.05;
-/// For rounding of values that are meant to be the limit.
+/// For rounding of values that are meant to be the limit: as `ROUNDING` of crates/control/src/trajectory.rs.
 const ROUNDING: f64 = 1.001;
 
 /// Placements of links in the root, from measured angles.
@@ -95,7 +97,7 @@ impl FrameCheck {
         }
     }
 
-    /// At least one frame is used, and every value of those that are is one that the frame can have.
+    /// Whether at least one frame is used, and every value of the used ones is one that the frame can have.
     pub(super) fn is_within(&self, reference: &Reference) -> bool {
         let used = || reference.frames.iter().filter(|frame| frame.used != 0);
         let mut others = reference.frames.iter().skip(self.frames.len());

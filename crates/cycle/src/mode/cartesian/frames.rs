@@ -15,8 +15,8 @@ use super::frame_check::{Placements, pose};
 use crate::inputs::Seen;
 use crate::mode::{Asked, Impedance, RigidBodyTorque};
 
-/// Least share of a direction's lever in the limb's greatest one for which a force along it counts as known
-/// by external torques.
+/// Least share of a direction's lever in the limb's greatest one for which a force along it counts as known by external
+/// torques. It would have twenty times the standard deviation.
 const LEAST_LEVER: f64 = 0.05;
 
 /// The frames of a robot.
@@ -51,7 +51,7 @@ pub(super) struct Frame {
     external: bool,
     /// Delay of external torques behind the filters, s; none: there are none.
     external_delay: f64,
-    /// Of each joint of the limb.
+    /// Columns of the Jacobian, one for each joint of the limb.
     columns: Vec<Vector6<f64>>,
     dq: Vec<f64>,
     /// How fast a force moves each joint, and how stiff and damped the frame makes it.
@@ -392,7 +392,7 @@ impl Frame {
         let taken_off = carried.get(sensor);
         let taken_off =
             taken_off.map_or(Vector6::zeros(), |own| self.at_frame(placements, at, own));
-        // Not yet shown by the filters: the weight beyond the sensor hardly changes meanwhile.
+        // Change that the filters do not show yet: the weight beyond the sensor hardly changes meanwhile.
         let [long, now, before] =
             [contact, &measured.wrench, &measured.wrench_hat].map(Wrench::to_array);
         let fast = Wrench::from_array(std::array::from_fn(|i| long[i] + now[i] - before[i]));
@@ -400,8 +400,8 @@ impl Frame {
         (taken_off, known, Felt { force, late: 0.0 })
     }
 
-    /// Wrench of the environment on the frame by external torques: least squares, in which directions without lever count as free of
-    /// force.
+    /// Wrench of the environment on the frame by external torques: least squares, in which directions without lever
+    /// count as free of force.
     fn external_force(&self, estimated: &EstimatedRecord) -> Option<Vector6<f64>> {
         if !self.external {
             return None;
