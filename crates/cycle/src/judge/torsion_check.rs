@@ -31,15 +31,18 @@ use crate::measure::NOT_USED;
 /// do before it is levelled out, the shorter one is the delay of the measured velocity.
 const FAST_S: f64 = 0.008;
 const SLOW_S: f64 = 0.5;
-/// Change that F/T sensors and rigid-body model show, share of the torque limit, and the one that the motor current
-/// does beyond friction: as much while brakes let go, then less, as half of it is more than a humanoid that steps has.
+/// Change that F/T sensors and rigid-body model show, share of the torque limit, and the motor current beyond friction
+/// while brakes let go. Chosen; no experiment recorded.
 const SHARE: f64 = 0.08;
+/// Change that the motor current shows beyond friction once brakes have let go, share of the torque limit.
+/// Chosen on the simulated humanoid: half of it is more than one that steps has.
 const SHARE_BY_CURRENT: f64 = 0.06;
 /// Change of Coulomb friction by which the motor current may differ besides, as a load that is let go
-/// reverses it: 2 from one full friction to the other, less where the load was carried at rest. With
-/// 1.5 the leg's ankle roll moves by more than a degree before a drift of 0.01 rad/s is found.
+/// reverses it: 2 from one full friction to the other, less where the load was carried at rest.
+/// Chosen on the simulated leg: with 1.5 its ankle roll moves by more than a degree before a drift of 0.01 rad/s is
+/// found.
 const REVERSAL: f64 = 1.25;
-/// Change by the motor current alone, share of the torque limit.
+/// Change by the motor current alone, share of the torque limit. Chosen; no experiment recorded.
 const SHARE_ALONE: f64 = 0.25;
 /// Samples in a row.
 const SAMPLES: u32 = 5;
@@ -63,7 +66,8 @@ impl Change {
         self.fast - self.slow
     }
 
-    /// The change of the signal of which `x` is the derivative: a low-pass of it is the signal's high-pass over the time.
+    /// The change of the signal of which `x` is the derivative: a low-pass of it is the signal's high-pass over the
+    /// time.
     fn of_derivative(&self, x: f64) -> f64 {
         (x - self.fast) / FAST_S - (x - self.slow) / SLOW_S
     }
@@ -72,7 +76,7 @@ impl Change {
 /// State of a joint that is followed from one sample to the next.
 #[derive(Debug, Clone, Copy)]
 struct Changes {
-    /// Of `e_1` without its inertia, of omega, and of `e_2` where it is known.
+    /// Changes of `e_1` without its inertia, of omega, and of `e_2` where it is known.
     by_current: Change,
     omega: Change,
     by_level: Option<Change>,
@@ -91,7 +95,7 @@ struct Joint {
     torque_limit: f64,
     /// An F/T sensor sits beyond it, so that what touches its limb is measured.
     is_witnessed: bool,
-    /// None before the first sample.
+    /// Changes so far; none before the first sample.
     changes: Option<Changes>,
 }
 
