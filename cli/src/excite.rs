@@ -204,7 +204,7 @@ pub(crate) fn follow(
             let title = prepared.motion.title((time / SPACING_S) as usize);
             bar.set_message(format!("{time:.0} of {duration:.0} s, {title}"));
             if let (Some((path, force)), None) = (record, &recording) {
-                match Recording::begin(client, path, None, 0.0, force) {
+                match Recording::begin(client, path, None, 0.0, Default::default(), force) {
                     Ok(begun) => recording = Some(begun),
                     Err(failure) => refused = Some(failure),
                 }

@@ -1,25 +1,30 @@
-//! `torquectl export`: a recorded run as CSV, a line for each cycle.
+//! `torquectl export`: a recorded run as CSV or Parquet, a row for each cycle.
+
+mod parquet;
+mod thrift;
 
 use crate::output::{apart, finish_or_refuse};
 use crate::recorded;
 use problem::{Problem, Problems};
-use recording::{Counts, Field, Fields, Header};
+use recording::{Counts, CycleMessage, Field, Fields, Header, Kind};
 use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::NewFile;
-use torqued_client::robot_state::{CycleRecord, Reference};
+use torqued_client::robot_state::{Content, CycleRecord, Reference};
 use zerocopy::IntoBytes;
 
 const HELP: &str = "\
 Columns are the numbers of every cycle's record, by their names there, joints and F/T sensors by name,
 with the unit in brackets: measured.joints[knee].q [rad]. The first column is the time since the first
 cycle. --fields chooses by the beginning of the name or of its last part: `tau_hat`, `measured.joints`,
-`q`. References are under reference.; they are empty while no client commands.
+`q`. References are under reference.; they are empty while no client commands. A file whose name ends in
+.parquet becomes a Parquet file, with the same names: pandas, Polars and DuckDB read it.
 
 Examples:
   torquectl export run.mcap -o run.csv --joint knee
   torquectl export run.mcap -o run.csv --joint knee --fields q,theta,current,tau_encoder
+  torquectl export run.mcap -o run.parquet
   torquectl export run.mcap --fields measured.ft | head
   torquectl export run.mcap --list
 
@@ -27,13 +32,13 @@ Exit codes:
   0  written
   2  bad input: no such joint or field, not a recorded run, a file that cannot be written";
 
-/// Write a recorded run as CSV.
+/// Write a recorded run as CSV or Parquet.
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub(crate) struct ExportArguments {
     /// The recorded run
     run: PathBuf,
-    /// The CSV file; without it standard output
+    /// The file, CSV or, by its ending, .parquet; without it CSV on standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Only this joint; may be repeated
@@ -51,36 +56,96 @@ pub(crate) fn run(arguments: &ExportArguments) -> ExitCode {
     finish_or_refuse(export(arguments))
 }
 
-/// Where the lines go.
+/// Where the rows go.
 enum Out {
-    File(NewFile),
+    Csv(NewFile),
     Standard(BufWriter<StdoutLock<'static>>),
+    Parquet(Box<parquet::Writer<NewFile>>),
 }
 
 impl Out {
-    fn finish(self) -> io::Result<()> {
+    fn create(
+        output: Option<&PathBuf>,
+        run: &PathBuf,
+        columns: &[Column],
+    ) -> Result<Self, Problem> {
+        let Some(path) = output else {
+            return Ok(Self::Standard(BufWriter::new(io::stdout().lock())));
+        };
+        apart(path, std::slice::from_ref(run))?;
+        let file = NewFile::create(path)?;
+        if path.extension().is_none_or(|ending| ending != "parquet") {
+            return Ok(Self::Csv(file));
+        }
+        let own = columns.iter().map(|column| parquet::Column {
+            name: column.title.clone(),
+            kind: column.field.kind,
+            optional: column.of_reference,
+        });
+        let time = parquet::Column {
+            name: TIME.to_owned(),
+            kind: Kind::F64,
+            optional: false,
+        };
+        let writer = parquet::Writer::new(file, std::iter::once(time).chain(own).collect());
+        let writer = writer.map_err(|error| Problem::unwritable(path.display(), &error))?;
+        Ok(Self::Parquet(Box::new(writer)))
+    }
+
+    fn head(&mut self, columns: &[Column]) -> io::Result<()> {
+        let titles: Vec<&str> = columns.iter().map(|column| column.title.as_str()).collect();
         match self {
-            Self::File(file) => file.finish(),
+            Self::Csv(file) => writeln!(file, "{TIME},{}", titles.join(",")),
+            Self::Standard(out) => writeln!(out, "{TIME},{}", titles.join(",")),
+            Self::Parquet(_) => Ok(()),
+        }
+    }
+
+    fn row(&mut self, time_s: f64, columns: &[Column], message: &CycleMessage) -> io::Result<()> {
+        let (record, reference) = (message.record.cycle.as_bytes(), message.reference());
+        let bytes = |column: &Column| {
+            if column.of_reference {
+                reference.map(IntoBytes::as_bytes)
+            } else {
+                Some(record)
+            }
+        };
+        if let Self::Parquet(writer) = self {
+            let values = columns.iter();
+            let values = values.map(|column| Some(column.field.bits(bytes(column)?)));
+            return writer.row(std::iter::once(Some(time_s.to_bits())).chain(values));
+        }
+        let mut line = format!("{time_s:.9}");
+        for column in columns {
+            line.push(',');
+            if let Some(bytes) = bytes(column) {
+                line += &column.field.text(bytes);
+            }
+        }
+        match self {
+            Self::Csv(file) => writeln!(file, "{line}"),
+            Self::Standard(out) => writeln!(out, "{line}"),
+            Self::Parquet(_) => Ok(()),
+        }
+    }
+
+    fn finish(self, header: &Header) -> io::Result<()> {
+        match self {
+            Self::Csv(file) => file.finish(),
             Self::Standard(mut out) => out.flush(),
+            Self::Parquet(writer) => {
+                let about = [
+                    ("robot", header.robot.as_str()),
+                    ("torqued", &header.version),
+                ];
+                writer.finish(&about)?.finish()
+            }
         }
     }
 }
 
-impl Write for Out {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Self::File(file) => file.write(bytes),
-            Self::Standard(out) => out.write(bytes),
-        }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::File(file) => file.flush(),
-            Self::Standard(out) => out.flush(),
-        }
-    }
-}
+/// Title of the first column.
+const TIME: &str = "time [s]";
 
 /// A column: a number of the record or of the reference.
 struct Column {
@@ -105,41 +170,22 @@ fn export(arguments: &ExportArguments) -> Result<String, Problems> {
             .unwrap_or_else(|| "standard output".into());
         Problem::unwritable(path.display(), &error)
     };
-    let mut out = match &arguments.output {
-        Some(path) => {
-            apart(path, std::slice::from_ref(&arguments.run))?;
-            Out::File(NewFile::create(path)?)
-        }
-        None => Out::Standard(BufWriter::new(io::stdout().lock())),
-    };
-    let titles: Vec<&str> = columns.iter().map(|column| column.title.as_str()).collect();
+    let mut out = Out::create(arguments.output.as_ref(), &arguments.run, &columns)?;
     let mut cycles = 0_u64;
     let mut begin_ns = None;
-    let mut written = writeln!(out, "time [s],{}", titles.join(","));
+    let mut written = out.head(&columns);
     let path = arguments.run.clone();
     let ending = recorded::read_all(&path, &mut run, |_, message| {
-        let record = &message.record.cycle;
-        let begin_ns = *begin_ns.get_or_insert(record.stamp_ns);
-        let mut line = format!(
-            "{:.9}",
-            recorded::ms_between(begin_ns, record.stamp_ns) * 1e-3
-        );
-        let reference = message.reference();
-        for column in &columns {
-            line.push(',');
-            match (column.of_reference, reference) {
-                (false, _) => line += &column.field.text(record.as_bytes()),
-                (true, Some(reference)) => line += &column.field.text(reference.as_bytes()),
-                (true, None) => {}
-            }
-        }
+        let stamp_ns = message.record.cycle.stamp_ns;
+        let begin_ns = *begin_ns.get_or_insert(stamp_ns);
+        let time_s = recorded::ms_between(begin_ns, stamp_ns) * 1e-3;
         cycles += 1;
         if written.is_ok() {
-            written = writeln!(out, "{line}");
+            written = out.row(time_s, &columns, message);
         }
         Ok(())
     })?;
-    let written = written.and_then(|()| out.finish());
+    let written = written.and_then(|()| out.finish(run.header()));
     match written {
         // The reader of the output closed the pipe, as `head` does.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(String::new()),
@@ -191,7 +237,10 @@ fn columns(header: &Header, arguments: &ExportArguments) -> Result<Vec<Column>, 
         .0
         .into_iter()
         .map(column(true));
-    let all: Vec<Column> = records.chain(references).collect();
+    let mut all: Vec<Column> = records.chain(references).collect();
+    if header.content == Content::Torques {
+        all.retain(|column| !column.of_reference && recording::is_in_torques(&column.field.path));
+    }
     for name in &arguments.fields {
         if !all.iter().any(|column| is_named(column, name)) {
             let problem = Problem::new(

@@ -225,7 +225,7 @@ struct Recorded {
 
 impl Recorded {
     fn read(path: &Path, name: &str) -> Result<(Self, Option<String>), Problems> {
-        let mut run = recorded::open(path)?;
+        let mut run = recorded::open_with_inputs(path)?;
         let header = run.header().clone();
         let robot = robot(&header, &[], None)?;
         let joints = &robot.parameters.joints;

@@ -144,7 +144,7 @@ fn read(paths: &[PathBuf]) -> Result<(Robot, Vec<MotionLog>, Vec<String>), Probl
     let mut found: Option<(Robot, Vec<MotionLog>)> = None;
     let mut notes = Vec::new();
     for path in paths {
-        let mut run = recorded::open(path)?;
+        let mut run = recorded::open_with_inputs(path)?;
         let robot = robot(run.header(), &[], None)?;
         let mut gather = GatherMotion::new(&robot);
         let ending = recorded::read_all(path, &mut run, |_, message| {

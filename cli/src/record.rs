@@ -10,20 +10,25 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::thread::sleep;
 use std::time::Duration;
-use torqued_client::robot_state::{Answer, Request, Text, request};
+use torqued_client::robot_state::{Answer, Content, Request, Text, request};
 use torqued_client::{Client, Error};
 
 const HELP: &str = "\
-The daemon writes the file itself, so the path must be writable for it. The file holds everything that
-every cycle was given and gave, and the configuration's files: torquectl info, export and replay need
-nothing else; PlotJuggler and Foxglove show its JointState, WrenchStamped and Imu messages. Ctrl-C
-ends the recording cleanly; a recording whose torquectl was killed ends after 5 s.
+The daemon writes the file itself, so the path must be writable for it. By default the file holds
+everything that every cycle was given and gave, and the configuration's files: torquectl info, export and
+replay need nothing else; PlotJuggler and Foxglove show its JointState, WrenchStamped and Imu messages.
+Ctrl-C ends the recording cleanly; a recording whose torquectl was killed ends after 5 s.
 
-A replay is bit-exact only from the daemon's first cycle on: torqued run CONFIG --record FILE.
+--content frames holds what every cycle was given: torquectl computes the rest when it reads the file.
+--content torques holds angles, torques, wrenches, commands and events with seven digits, without frames.
+
+A replay is bit-exact only from the daemon's first cycle on: torqued run CONFIG --record FILE. Computed from
+frames alone, the first seconds of a recording that begins later lack what filters and fits knew.
 
 Examples:
   torquectl record -o run.mcap
   torquectl record -o run.mcap --seconds 60
+  torquectl record -o night.mcap --content torques --rate 100
   torquectl record -o what-was-that.mcap --last 4 --seconds 0
 
 Exit codes:
@@ -50,6 +55,12 @@ pub(crate) struct RecordArguments {
     /// Record the time before now too, s, at most 5
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = seconds)]
     last: f64,
+    /// What the file holds of every cycle
+    #[arg(long, value_name = "all|frames|torques", default_value_t)]
+    content: Content,
+    /// Messages a second, with --content torques; without it one for each cycle
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
     /// Replace the file if it is there, once the new one has ended
     #[arg(long)]
     force: bool,
@@ -63,7 +74,9 @@ fn record(arguments: &RecordArguments) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let client = connect(arguments.robot.as_ref())?;
     let (path, seconds) = (&arguments.output, arguments.seconds);
-    let recording = Recording::begin(&client, path, seconds, arguments.last, arguments.force)?;
+    let contents = (arguments.content, arguments.rate);
+    let (last, force) = (arguments.last, arguments.force);
+    let recording = Recording::begin(&client, path, seconds, last, contents, force)?;
     let bar = bar(&recording.path);
     loop {
         let answer = recording.state(&client)?;
@@ -86,7 +99,8 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Begins with `last` s before now; without `seconds` it goes on until its end is asked for.
+    /// Begins with `last` s before now; without `seconds` it goes on until its end is asked for. With the
+    /// content so many messages a second; none: one for each cycle.
     ///
     /// # Errors
     /// A path that cannot be used, a file that is there and may not be replaced.
@@ -95,6 +109,7 @@ impl Recording {
         path: &Path,
         seconds: Option<f64>,
         last: f64,
+        (content, rate_hz): (Content, Option<f64>),
         force: bool,
     ) -> Result<Self, Failure> {
         let unusable =
@@ -106,6 +121,8 @@ impl Recording {
             kind: request::RECORD,
             seconds: seconds.unwrap_or(-1.0),
             last_s: last,
+            content: content.number(),
+            rate_hz: rate_hz.unwrap_or(0.0),
             overwrite: u32::from(force),
             path: Text::new(path),
             ..Request::default()

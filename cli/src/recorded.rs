@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 use problem::Problem;
-use recording::{CycleMessage, Ending, Header, ReadError, Run};
+use recording::{CycleMessage, Ending, Header, ReadError, Replayed, Run};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -12,8 +12,27 @@ use std::thread;
 /// A recorded run in a file.
 pub(crate) type RunFile = Run<BufReader<File>>;
 
-/// Opens a recorded run.
+/// Opens a recorded run; of a recording of frames the rest is computed while it is read.
 pub(crate) fn open(path: &Path) -> Result<RunFile, Problem> {
+    let mut run = open_as_it_is(path)?;
+    run.restore().map_err(|problems| {
+        let all = problems.to_string();
+        let reason = format!("its cycles cannot be computed: {all}");
+        Problem::new(reason, "").at(path.display().to_string(), 0)
+    })?;
+    Ok(run)
+}
+
+/// Opens a recorded run that holds what every cycle was given.
+pub(crate) fn open_with_inputs(path: &Path) -> Result<RunFile, Problem> {
+    let run = open(path)?;
+    let demand = run.header().demand_inputs();
+    demand.map_err(|problem| problem.at(path.display().to_string(), 0))?;
+    Ok(run)
+}
+
+/// Opens a recorded run whose cycles are read as they stand there.
+pub(crate) fn open_as_it_is(path: &Path) -> Result<RunFile, Problem> {
     let file = File::open(path).map_err(ReadError::Io);
     let run = file.and_then(|file| Run::open(BufReader::new(file)));
     run.map_err(|error| refusal(path, &error))
@@ -50,7 +69,30 @@ pub(crate) fn read_all(
         }
         Ok::<_, Problem>(())
     })?;
+    if let Some(remark) = run.restored().and_then(remark) {
+        eprintln!("{}: {remark}", path.display());
+    }
     Ok(run.ending().cloned().unwrap_or(Ending::Complete))
+}
+
+/// What is to be said of cycles that were computed from frames.
+fn remark(restored: &Replayed) -> Option<String> {
+    let Replayed {
+        first_cycle,
+        different,
+        cycles,
+        ..
+    } = restored;
+    match (first_cycle, different) {
+        (_, 0) => None,
+        (2.., _) => Some(format!(
+            "begins with cycle {first_cycle}: what follows from its frames is computed without what filters \
+             and fits knew by then"
+        )),
+        _ => Some(format!(
+            "{different} of {cycles} cycles were not computed as in the loop; torquectl replay shows the first"
+        )),
+    }
 }
 
 /// Reads cycles into batches until the run ends, or nobody takes them; the memory of a batch that was

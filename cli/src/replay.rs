@@ -7,7 +7,7 @@ use crate::output::apart;
 use crate::recorded::{self, describe_ending};
 use crate::units::{cell, keys};
 use indicatif::{ProgressBar, ProgressStyle};
-use problem::{Problem, Problems};
+use problem::Problems;
 use recording::{CycleMessage, Ending, Header, Replay, Replayed, TORQUES};
 use robot_config::Robot;
 use serde_json::{Value, json};
@@ -104,7 +104,11 @@ impl Comparison {
 
 fn replay(arguments: &ReplayArguments) -> Result<Comparison, Problems> {
     let path = &arguments.run;
-    let mut run = recorded::open(path)?;
+    // Beside another configuration the torques of the own one are wanted, otherwise its checksums.
+    let mut run = match arguments.config {
+        Some(_) => recorded::open_with_inputs(path)?,
+        None => recorded::open_as_it_is(path)?,
+    };
     let header = run.header().clone();
     let robot = load(&header, arguments.config.as_deref())?;
     let mut replay = Replay::new(&robot, &header)?;
@@ -157,16 +161,7 @@ fn load(header: &Header, config: Option<&Path>) -> Result<Robot, Problems> {
     if let Some(config) = config {
         return robot_config::load(&config.to_string_lossy(), &|path| terminal::read_text(path));
     }
-    let missing = || {
-        let problem = Problem::new("the recording has no configuration", "--config FILE");
-        Problems(vec![problem])
-    };
-    let first = header.files.first().ok_or_else(missing)?;
-    let read = |path: &str| {
-        let text = header.text(path).map(str::to_owned);
-        text.ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the recording"))
-    };
-    robot_config::load(&first.path, &read)
+    header.load_robot()
 }
 
 /// The verdict in a sentence.

@@ -4,6 +4,7 @@
 //! requests are served from there ([`server`]). The daemon sees one more client that reads.
 
 mod control;
+mod foxglove;
 mod hub;
 mod live;
 mod played;
@@ -30,6 +31,8 @@ The page is served on this machine alone (but with --listen), under an address t
 it; it loads nothing from elsewhere. It shows state, next step, events, torques of all joints, one joint in full,
 the robot with its contact wrenches (with --config), and times of the loop. Keys: docs/view.md.
 
+With --foxglove, Foxglove and PlotJuggler get joint states, wrenches and IMU of every record, live.
+
 With --control the page has buttons for stop, enable, acknowledge, disable and move, which are refused
 as on the command line; then it is served on this machine alone. Stop on the page is no emergency stop.
 
@@ -38,6 +41,7 @@ Examples:
   torquectl view --robot leg --config config/leg/robot.toml
   torquectl view --config config/leg/robot.toml --control
   torquectl view run.mcap
+  torquectl view --foxglove                  in Foxglove: Open connection, ws://127.0.0.1:8765
   torquectl view --listen 192.168.1.2:8731    for a tablet beside the robot, in a network that you trust
 
 Exit codes:
@@ -61,6 +65,10 @@ pub(crate) struct ViewArguments {
     /// Let the page enable, stop, acknowledge, disable and move
     #[arg(long)]
     control: bool,
+    /// Serve the messages of recordings live to Foxglove and PlotJuggler too, by Foxglove's WebSocket protocol
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = foxglove::ADDRESS,
+          conflicts_with = "run")]
+    foxglove: Option<SocketAddr>,
     /// Address and port to serve on; port 0 is any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
@@ -92,6 +100,12 @@ fn live(arguments: &ViewArguments) -> Result<String, Failure> {
     let drawn = drawn.transpose().map_err(Failure::Argument)?;
     let client = connect(arguments.robot.as_ref())?;
     let robot = client.robot().to_owned();
+    if let Some(address) = arguments.foxglove {
+        let own = connect(Some(&robot))?;
+        let address = foxglove::serve(address, own).map_err(Failure::Argument)?;
+        terminal::print(&format!("Foxglove: ws://{address}\n"))
+            .map_err(|e| Failure::Argument(Problem::new(e.to_string(), "")))?;
+    }
     let scene = Scene::of_robot(client.description(), drawn, arguments.control);
     let hub = Arc::new(Hub::live(scene));
     let reading = Arc::clone(&hub);

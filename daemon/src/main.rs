@@ -9,11 +9,13 @@ use std::sync::atomic::AtomicBool;
 use clap::{CommandFactory, Parser, Subcommand};
 use recording::AttachedFile;
 use robot_config::Robot;
+use robot_state::Content;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use terminal::print;
 use torqued::demo::{self, DemoOptions};
 use torqued::failure::Failure;
 use torqued::margins;
+use torqued::recorder::Contents;
 use torqued::run::RunOptions;
 use torqued::simulation::{self, default_file};
 
@@ -56,6 +58,7 @@ A robot of your own needs a sim.toml beside its robot.toml, and may have a motio
   torqued run config/leg/robot.toml --simulate
   torqued run config/leg/robot.toml --simulate sticky.toml --seed 7
   torqued run config/leg/robot.toml --record run.mcap
+  torqued run config/leg/robot.toml --record run.mcap --content frames   # a sixth; a replay computes the rest
   torqued run config/leg/robot.toml --seconds 10 --json
 
 What `torquectl check` refuses is not started: also a torque loop with less margin than 30 degrees or 6 dB, unless
@@ -87,6 +90,12 @@ it to rest and holds it, as `torquectl stop` does.")]
         /// replayed bit by bit.
         #[arg(long, value_name = "FILE")]
         record: Option<PathBuf>,
+        /// What --record holds of every cycle: docs/recording.md.
+        #[arg(long, value_name = "all|frames|torques", default_value_t)]
+        content: Content,
+        /// Messages a second, with --content torques; without it one for each cycle.
+        #[arg(long, value_name = "HZ", requires = "record")]
+        rate: Option<f64>,
         /// Run torque loops with less margin than 30 degrees or 6 dB: they may swing by themselves.
         #[arg(long)]
         accept_margins: bool,
@@ -110,6 +119,8 @@ fn main() -> ExitCode {
             simulate,
             seed,
             record,
+            content,
+            rate,
             accept_margins,
             json,
         } => {
@@ -118,6 +129,10 @@ fn main() -> ExitCode {
             let files = RefCell::new(Vec::new());
             read_robot(&config, &files).and_then(|robot| {
                 margins::check(&robot, &config, accept_margins)?;
+                let period_s = robot.parameters.timing.sample_period;
+                let contents =
+                    Contents::new(content, rate, period_s).map_err(Failure::bad_input)?;
+                let record = record.map(|path| (path, contents));
                 run(&robot, files.into_inner(), sim, seconds, record, json)
             })
         }
@@ -154,7 +169,7 @@ fn run(
     files: Vec<AttachedFile>,
     sim: Option<(&Path, Option<u64>)>,
     seconds: Option<f64>,
-    record: Option<PathBuf>,
+    record: Option<(PathBuf, Contents)>,
     json: bool,
 ) -> Result<ExitCode, Failure> {
     let rate_hz = 1.0 / robot.parameters.timing.sample_period;
@@ -167,7 +182,7 @@ fn run(
             )));
         }
     };
-    if let Some(path) = record.as_ref().filter(|path| path.exists()) {
+    if let Some((path, _)) = record.as_ref().filter(|(path, _)| path.exists()) {
         return Err(Failure::bad_input(format!(
             "--record {}: there is such a file; allowed: the name of a new one",
             path.display()

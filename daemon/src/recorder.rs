@@ -12,6 +12,7 @@
 //! another one than the publisher's, which carries records alone: a publisher that hangs, as with a
 //! full /dev/shm, is one of the things that a black box must show.
 
+mod always;
 mod black_box;
 mod history;
 mod output;
@@ -27,10 +28,11 @@ use robot_config::Robot;
 use robot_state::Event;
 use rtrb::{Consumer, RingBuffer};
 
+pub use always::{Always, RECORDINGS};
 pub use black_box::{BlackBoxes, FOLDER, KEPT};
 use history::History;
 use output::Output;
-pub use output::{RecordingRequest, RecordingStatus};
+pub use output::{Contents, RecordingRequest, RecordingStatus};
 pub use tap::Tap;
 use tap::{Shared, Slot};
 
@@ -91,6 +93,12 @@ impl RecorderHandle {
         self.shared.status(Slot::Client)
     }
 
+    /// The state of the file that the recording of the configuration is writing.
+    #[must_use]
+    pub fn status_always(&self) -> RecordingStatus {
+        self.shared.status(Slot::Always)
+    }
+
     /// The state of the recording that the daemon was started with.
     #[must_use]
     pub fn status_from_start(&self) -> RecordingStatus {
@@ -125,6 +133,7 @@ pub fn create(robot: &Robot, header: Header, boxes: Option<BlackBoxes>) -> Ends 
             last_fault: header.start.fault.map_or(0, Event::number),
             header,
             boxes,
+            always: None,
             pending: None,
             recordings: Vec::new(),
             requests: received,
@@ -143,6 +152,8 @@ pub struct Recorder {
     history: History,
     header: Header,
     boxes: Option<BlackBoxes>,
+    /// The recording that always runs.
+    always: Option<Always>,
     /// The black box that is being waited for or written.
     pending: Option<Pending>,
     recordings: Vec<(Slot, Output)>,
@@ -200,6 +211,7 @@ impl Recorder {
         }
         self.serve(now);
         let wrote_box = self.advance_black_box(now);
+        self.advance_always(now);
         let wrote = self.advance_recordings(now);
         let any = taken || wrote_box || wrote;
         if any {
@@ -329,6 +341,7 @@ impl Recorder {
                     path,
                     seconds,
                     last_s,
+                    contents,
                     overwrite,
                     unattended,
                 } => {
@@ -341,7 +354,7 @@ impl Recorder {
                     let begun = if running {
                         Err("another recording is running".to_owned())
                     } else {
-                        self.begin(&path, seconds, last_s, overwrite)
+                        self.begin(&path, seconds, last_s, contents, overwrite)
                     };
                     match begun {
                         Ok(mut output) => {
@@ -384,6 +397,7 @@ impl Recorder {
         path: &std::path::Path,
         seconds: Option<f64>,
         last_s: f64,
+        contents: Contents,
         overwrite: bool,
     ) -> Result<Output, String> {
         let newest = self.history.newest();
@@ -397,8 +411,18 @@ impl Recorder {
             (None, _) => u64::MAX,
             (Some(seconds), stamp) => stamp.unwrap_or(0) + (seconds * 1e9) as u64,
         };
-        let output = Output::create(path, overwrite, &self.header, from, until_ns);
+        let header = self.header_with(contents);
+        let output = Output::create(path, overwrite, &header, from, until_ns);
         output.map_err(|why| why.to_string())
+    }
+
+    /// The header of a recording with these contents.
+    fn header_with(&self, contents: Contents) -> Header {
+        Header {
+            content: contents.content,
+            every: contents.every,
+            ..self.header.clone()
+        }
     }
 
     fn advance_recordings(&mut self, now: Instant) -> bool {

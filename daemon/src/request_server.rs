@@ -89,7 +89,8 @@ impl RequestServer {
 
     /// Clients may ask this recorder for recordings.
     pub fn record_with(&mut self, recorder: RecorderHandle) {
-        self.recording.record_with(recorder);
+        self.recording
+            .record_with(recorder, self.parameters.timing.sample_period);
     }
 
     /// The settings that hold now.

@@ -26,7 +26,7 @@ use crate::failure::Failure;
 use crate::looper::Looper;
 use crate::offsets::Store;
 use crate::real_time::{self, Deadline, Pace, Settings};
-use crate::recorder::{self, BlackBoxes, RecorderHandle, RecordingRequest};
+use crate::recorder::{self, Always, BlackBoxes, Contents, RecorderHandle, RecordingRequest};
 use crate::report::Reporter;
 use crate::request_server::RequestServer;
 use crate::shared_memory;
@@ -49,7 +49,7 @@ pub struct RunOptions {
     /// The configuration's files, for recordings and black boxes.
     pub files: Vec<AttachedFile>,
     /// A recording from the first cycle on.
-    pub record: Option<PathBuf>,
+    pub record: Option<(PathBuf, Contents)>,
     /// Set from outside, e.g. by a signal: the robot is brought to rest and held. Taken back by the
     /// loop.
     pub stop_and_hold: Arc<AtomicBool>,
@@ -147,10 +147,16 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
     let mut book = Book::new(robot, receiver, thread.clone(), Some(file));
     let handle = recorder.handle;
     server.record_with(handle.clone());
-    if let Some(path) = options.record {
-        record_from_the_start(&handle, path);
+    if let Some((path, contents)) = options.record {
+        record_from_the_start(&handle, path, contents);
     }
-    let recorder = recorder.recorder.start().map_err(Failure::environment)?;
+    let mut recorder = recorder.recorder;
+    if let (Some(settings), Some(store)) = (parameters.recorder, &store) {
+        let period_s = parameters.timing.sample_period;
+        let always = Always::new(store.directory(), settings, period_s);
+        recorder.record_always(always.map_err(Failure::bad_input)?);
+    }
+    let recorder = recorder.start().map_err(Failure::environment)?;
     let commanders = Commanders::new(parameters.timing.reference_timeout)
         .with_trajectories(parameters.trajectory_limits());
     let clients = shared_memory::start_at(&location, &describe(robot), server, commanders)
@@ -209,11 +215,12 @@ fn run_on<B: Bus + Send + 'static, P: Pace>(
 }
 
 /// A recording that ends with the daemon.
-fn record_from_the_start(handle: &RecorderHandle, path: PathBuf) {
+fn record_from_the_start(handle: &RecorderHandle, path: PathBuf, contents: Contents) {
     handle.ask(RecordingRequest::Begin {
         path,
         seconds: None,
         last_s: 0.0,
+        contents,
         overwrite: false,
         unattended: true,
     });

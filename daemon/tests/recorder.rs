@@ -4,16 +4,17 @@ use crate::common;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use can_codec::{Frame, Frames};
 use common::RunDir;
 use common::recorded::{black_boxes, read, robot_and_files};
 use cycle::{ClientInput, Instants, Stamp};
 use recording::{CycleInput, Header, Start};
-use robot_state::{Event, SharedRecord};
+use robot_config::RecorderSettings;
+use robot_state::{Content, Event, SharedRecord};
 use test_support::allocations;
-use torqued::recorder::{self, BlackBoxes, Ends, KEPT, RecordingRequest};
+use torqued::recorder::{self, Always, BlackBoxes, Contents, Ends, KEPT, RecordingRequest};
 use torqued_client::StateDirectory;
 
 /// A recorder of the humanoid, and what its loop gives it.
@@ -82,6 +83,7 @@ impl Rig {
             path: path.to_owned(),
             seconds,
             last_s,
+            contents: Contents::default(),
             overwrite,
             unattended: false,
         });
@@ -217,6 +219,95 @@ fn a_recording_that_nobody_asks_after_ends() {
     rig.poll(17.5);
     assert!(!rig.ends.handle.status().running);
     assert_eq!(sequences(&path), (11..=4010).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_recording_that_always_runs_goes_on_from_file_to_file_and_old_ones_go() {
+    let directory = RunDir::new();
+    let state = StateDirectory::at(directory.directory.path(), "robot");
+    // The configuration's files are most of a file of so small a robot's cycles.
+    let path = directory.directory.path().join("one.mcap");
+    let mut rig = Rig::new(None);
+    rig.begin(&path, Some(1.0), 0.0);
+    for _ in 0..3 {
+        rig.loop_on(500, 0);
+        rig.poll(0.0);
+    }
+    let one = fs::metadata(&path).expect("a file").len();
+    let settings = RecorderSettings {
+        content: Content::Frames,
+        rate_hz: None,
+        // After each second, when files are flushed.
+        file_bytes: one / 2,
+        kept_bytes: 4 * one,
+        kept_s: 3600.0,
+    };
+    let always = Always::new(&state, settings, 0.001).expect("a rate of the loop");
+    let folder = always.folder().to_owned();
+    fs::create_dir_all(&folder).expect("a folder");
+    let old = folder.join("2020-01-01T00-00-00Z_frames.mcap");
+    fs::write(&old, vec![0; 1000]).expect("written");
+    let long_ago = SystemTime::now() - Duration::from_secs(7200);
+    let file = fs::File::options().write(true).open(&old).expect("a file");
+    file.set_modified(long_ago).expect("a date");
+    fs::write(folder.join("notes.txt"), "an operator's").expect("written");
+    let mut rig = Rig::new(None);
+    rig.ends.recorder.record_always(always);
+    let files = || {
+        let mut files: Vec<PathBuf> = fs::read_dir(&folder)
+            .expect("a folder")
+            .map(|entry| entry.expect("readable").path())
+            .collect();
+        files.retain(|path| path.extension().is_some_and(|ending| ending == "mcap"));
+        files.sort();
+        files
+    };
+    let mut most = 0;
+    for second in 0..12 {
+        for _ in 0..2 {
+            rig.loop_on(500, 0);
+            rig.poll(f64::from(second));
+        }
+        assert!(!old.exists(), "it is two hours old");
+        let bytes: u64 = files()
+            .iter()
+            .map(|f| fs::metadata(f).expect("a file").len())
+            .sum();
+        most = most.max(bytes);
+    }
+    assert!(most < 6 * one, "{most} bytes; files of {one} bytes");
+    let kept = files();
+    assert!(kept.len() > 2, "{kept:?}");
+    rig.ends.tap.end_as_asked();
+    drop(rig.ends.tap);
+    while !rig.ends.recorder.is_over() {
+        rig.ends.recorder.poll(rig.now);
+    }
+    let all: Vec<u64> = kept.iter().flat_map(|path| sequences(path)).collect();
+    let first = all.first().copied().expect("cycles");
+    assert!(first > 2000, "the first files are gone");
+    assert_eq!(
+        all,
+        (first..=12_000).collect::<Vec<_>>(),
+        "nothing between two files is lost"
+    );
+    assert!(folder.join("notes.txt").exists());
+}
+
+#[test]
+fn rates_that_the_loop_does_not_have_are_refused() {
+    let refused = |content, rate| {
+        let contents = Contents::new(content, Some(rate), 0.001);
+        contents.expect_err("refused").to_string()
+    };
+    assert!(refused(Content::Frames, 100.0).contains("content torques"));
+    assert!(refused(Content::Torques, 2000.0).contains("0.1 to 1000"));
+    let every = |rate| {
+        Contents::new(Content::Torques, Some(rate), 0.001)
+            .expect("a rate")
+            .every
+    };
+    assert_eq!([1000.0, 100.0, 3.0].map(every), [1, 10, 333]);
 }
 
 #[test]

@@ -9,8 +9,13 @@ use std::path::Path;
 use common::recorded::robot_and_files;
 use common::{RunDir, eventful};
 use nix::time::{ClockId, clock_gettime};
-use recording::{AttachedFile, CycleMessage, Ending, Header, Replay, Replayed, Run};
+use recording::{
+    AttachedFile, CycleMessage, Ending, Fields, Header, Replay, Replayed, Run, is_in_torques,
+};
 use robot_config::Robot;
+use robot_state::{Content, CycleRecord};
+use torqued::recorder::Contents;
+use zerocopy::IntoBytes;
 
 /// The robot of a recording, with its files changed.
 fn robot_of(header: &Header, change: impl Fn(&str, String) -> String) -> Robot {
@@ -40,8 +45,12 @@ fn replay(
 }
 
 fn record(cycles: u64, path: &Path) -> Vec<AttachedFile> {
+    record_contents(cycles, path, Contents::default())
+}
+
+fn record_contents(cycles: u64, path: &Path, contents: Contents) -> Vec<AttachedFile> {
     let (robot, files) = robot_and_files("humanoid", |_, text| text);
-    let happened = eventful::record(&robot, files.clone(), cycles, path);
+    let happened = eventful::record(&robot, files.clone(), cycles, path, contents);
     let rounds = cycles / 8000;
     assert!(happened.faults >= rounds, "{happened:?}");
     assert!(happened.contact_changes >= rounds, "{happened:?}");
@@ -53,7 +62,7 @@ fn record(cycles: u64, path: &Path) -> Vec<AttachedFile> {
 
 #[test]
 fn a_run_is_computed_again_bit_by_bit_and_what_differs_is_named() {
-    const CYCLES: u64 = 9000;
+    const CYCLES: u64 = 4000;
     let directory = RunDir::new();
     let path = directory.directory.path().join("run.mcap");
     record(CYCLES, &path);
@@ -104,6 +113,82 @@ fn a_run_is_computed_again_bit_by_bit_and_what_differs_is_named() {
             .field
             .contains("tau_encoder")
     );
+}
+
+/// Every cycle of a run, with what is computed from frames.
+fn cycles_of(path: &Path) -> (Header, Vec<CycleRecord>) {
+    let mut run = Run::open(BufReader::new(File::open(path).expect("a file"))).expect("a run");
+    run.restore().expect("a robot");
+    let mut message = CycleMessage::default();
+    let mut records = Vec::new();
+    while run.next_cycle(&mut message).expect("readable") {
+        records.push(message.record.cycle);
+    }
+    assert_eq!(run.ending(), Some(&Ending::Complete));
+    if let Some(restored) = run.restored() {
+        assert!(restored.is_bit_exact(), "{:?}", restored.first_difference);
+    }
+    (run.header().clone(), records)
+}
+
+/// 30 joints at 1 kHz: what a recording takes on the disk, and that frames suffice for every bit.
+#[test]
+fn frames_suffice_and_contents_fit_a_disk() {
+    const CYCLES: u64 = 4000;
+    let directory = RunDir::new();
+    let file = |content: Content| {
+        let path = directory.directory.path().join(format!("{content}.mcap"));
+        let contents = Contents { content, every: 1 };
+        record_contents(CYCLES, &path, contents);
+        let bytes = std::fs::metadata(&path).expect("a file").len();
+        let rate = bytes as f64 * 1e-3 / CYCLES as f64;
+        println!("{content}: {rate:.2} MB/s");
+        (path, rate)
+    };
+    let (all, _) = file(Content::All);
+    let (frames, of_frames) = file(Content::Frames);
+    let (torques, of_torques) = file(Content::Torques);
+    assert!(of_frames < 1.5, "{of_frames} MB/s");
+    assert!(of_torques < 2.5, "{of_torques} MB/s");
+
+    let (header, recorded) = cycles_of(&all);
+    let (_, restored) = cycles_of(&frames);
+    assert_eq!(recorded.len() as u64, CYCLES);
+    let fields = Fields::new::<CycleRecord>(header.counts());
+    for (recorded, restored) in recorded.iter().zip(&restored) {
+        let difference = fields.first_difference(recorded.as_bytes(), restored.as_bytes());
+        assert_eq!(difference, None, "cycle {}", recorded.sequence);
+    }
+    assert_eq!(restored.len() as u64, CYCLES);
+    let (_, shown) = cycles_of(&torques);
+    assert_eq!(shown.len() as u64, CYCLES);
+    for (recorded, shown) in recorded.iter().zip(&shown) {
+        for field in fields.0.iter().filter(|field| is_in_torques(&field.path)) {
+            let [recorded, shown] = [recorded, shown].map(|cycle| field.value(cycle.as_bytes()));
+            let rounded = f64::from(recorded as f32);
+            let same = shown.to_bits() == rounded.to_bits() || shown == recorded;
+            assert!(same, "{}: {recorded}, {shown}", field.path);
+        }
+    }
+
+    // One bit of one frame is noticed by the checksum.
+    let same = |_: &str, text: String| text;
+    let result = replay(&frames, same, |message| {
+        if message.record.cycle.sequence == 2000 {
+            let mut frames = message.rx.clone();
+            message.rx.clear();
+            for (i, mut frame) in std::mem::take(&mut frames).into_iter().copied().enumerate() {
+                frame.data[1] ^= u8::from(i == 0);
+                message.rx.push(frame);
+            }
+        }
+    });
+    assert_eq!(result.first_difference.expect("a difference").cycle, 2000);
+    // Torques alone cannot be replayed.
+    let run = Run::open(BufReader::new(File::open(&torques).expect("a file"))).expect("a run");
+    let robot = robot_of(run.header(), same);
+    let refused = Replay::new(&robot, run.header()).err().expect("refused");
+    assert!(refused.to_string().contains("torques alone"), "{refused}");
 }
 
 /// Time of this thread alone, s: other programs do not enter it.

@@ -5,6 +5,7 @@ follows references.
 """
 
 import asyncio
+import json
 import math
 import os
 import signal
@@ -472,3 +473,11 @@ def test_the_example_prints_torques(daemons):
     assert printed.count("cycle ") >= 2
     assert printed.count("joint_5") == printed.count("cycle ")
     assert "joint_6" not in printed
+
+
+def test_round_trips_of_a_reference_are_measured(daemons):
+    daemons()
+    script = [sys.executable, PYTHON / "examples" / "02_round_trip.py", "leg", "1"]
+    environment = os.environ | {"PYTHONPATH": str(PYTHON)}
+    found = json.loads(subprocess.run(script, env=environment, check=True, capture_output=True, text=True).stdout)
+    assert found["records_per_s"] > 50 and 0.0 < found["p50_ms"] <= found["p99_ms"] <= found["max_ms"]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -19,14 +20,17 @@ CYCLES = 1000 * SECONDS
 TORQUECTL = os.environ.get("TORQUECTL", BINARIES / "torquectl")
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("recording")
+def recorded(folder, seconds, *options):
     path = folder / "run.mcap"
     environment = os.environ | {"TORQUED_RUN_DIR": str(folder), "XDG_STATE_HOME": str(folder / "state")}
-    command = [BINARIES / "torqued", "run", LEG, "--simulate", "--seconds", str(SECONDS), "--record", path]
-    subprocess.run(command, cwd=ROOT, env=environment, check=True)
+    command = [BINARIES / "torqued", "run", LEG, "--simulate", "--seconds", str(seconds), "--record", path]
+    subprocess.run([*command, *options], cwd=ROOT, env=environment, check=True)
     return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("recording"), SECONDS)
 
 
 def test_a_recording_that_is_there_is_left_alone(run):
@@ -91,6 +95,63 @@ def test_wrenches_and_imu_are_decoded(run, exported):
     imu = [m.ros_msg for m in read_ros2_messages(run, topics=["/imu"])]
     assert all(m.orientation_covariance[0] == -1 for m in imu)
     assert len(imu) == len(exported["time [s]"])
+
+
+def test_a_table_in_parquet_is_that_in_csv(run, tmp_path):
+    """Read by DuckDB: names, types, values to the last bit, and references that are not there."""
+    fields = ["--fields", "sequence,flags,q,tau_hat,events,reference.mode"]
+    csv_file, parquet = tmp_path / "run.csv", tmp_path / "run.parquet"
+    for path in (csv_file, parquet):
+        subprocess.run([TORQUECTL, "export", run, "-o", path, *fields], check=True, capture_output=True)
+    table = duckdb.sql(f"SELECT * FROM '{parquet}'")
+    with open(csv_file, newline="") as file:
+        titles, *rows = csv.reader(file)
+    assert table.columns == titles
+    kinds = dict(zip(table.columns, map(str, table.types)))
+    assert (kinds["time [s]"], kinds["sequence"], kinds["reference.mode"]) == ("DOUBLE", "UBIGINT", "UINTEGER")
+    found = table.fetchall()
+    assert len(found) == len(rows) > 0.5 * CYCLES
+    for ours, theirs in zip(rows, found):
+        assert theirs[0] == pytest.approx(float(ours[0]), abs=1e-9)
+        expected = [float(cell) if cell else None for cell in ours[1:]]
+        np.testing.assert_array_equal(np.array(theirs[1:], float), np.array(expected, float))
+    assert {row[titles.index("reference.mode")] for row in found} == {None}, "no client commands"
+    about = dict(duckdb.sql(f"SELECT key, value FROM parquet_kv_metadata('{parquet}')").fetchall())
+    assert about[b"robot"] == b"leg"
+
+
+def test_frames_alone_are_replayed_bit_by_bit_and_exported_as_all(tmp_path):
+    path = recorded(tmp_path, 2, "--content", "frames")
+    done = subprocess.run([TORQUECTL, "replay", path], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "") and "bit-exact" in done.stdout
+    fields = ["--fields", "tau_hat,sequence"]
+    table = subprocess.run([TORQUECTL, "export", path, *fields], check=True, capture_output=True, text=True)
+    assert table.stderr == ""
+    titles, *rows = csv.reader(table.stdout.splitlines())
+    torque = titles.index("estimated.joints[knee].tau_hat.tau [N·m]")
+    assert len(rows) > 1000 and any(float(row[torque]) != 0.0 for row in rows)
+    # For other people's tools ten messages a second, with what the loop had computed.
+    messages = [m.ros_msg for m in read_ros2_messages(path, topics=["/joint_states"])]
+    assert len(messages) == pytest.approx(len(rows) / 100, abs=2)
+    knee = messages[-1].name.index("knee")
+    efforts = {float(row[torque]) for row in rows}
+    assert all(message.effort[knee] in efforts for message in messages)
+
+
+def test_torques_at_a_rate_are_read_and_not_replayed(tmp_path):
+    path = recorded(tmp_path, 2, "--content", "torques", "--rate", "100")
+    command = [TORQUECTL, "export", path, "--fields", "sequence,tau_encoder"]
+    table = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    titles, *rows = csv.reader(table.splitlines())
+    sequences = [int(row[titles.index("sequence")]) for row in rows]
+    assert 100 <= len(sequences) <= 200 and all(number % 10 == 0 for number in sequences)
+    subprocess.run([TORQUECTL, "info", path], check=True, capture_output=True)
+    for refused in (["replay", path], ["calibrate", path, "-o", tmp_path / "calibrated"]):
+        done = subprocess.run([TORQUECTL, *refused], capture_output=True, text=True)
+        assert done.returncode == 2 and "torques alone" in done.stderr, done.stderr
+    command = [BINARIES / "torqued", "run", LEG, "--simulate", "--record", tmp_path / "x.mcap", "--rate", "100"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2 and "content torques" in done.stderr
 
 
 def test_the_example_plots_torque_against_reference(run, tmp_path):

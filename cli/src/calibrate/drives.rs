@@ -107,7 +107,7 @@ pub(super) fn all(
 
 /// The joints' logs of a run: fast motion and what is about it, and the time of fast motion, s.
 fn read(robot: &Robot, path: &Path) -> Result<Vec<(DriveLog, f64)>, Problem> {
-    let mut run = recorded::open(path)?;
+    let mut run = recorded::open_with_inputs(path)?;
     let period = run.header().period_s;
     let joints = &robot.parameters.joints;
     let gathers = joints.iter().enumerate();

@@ -88,7 +88,7 @@ impl RecordedRun {
     pub(crate) fn read(path: &Path, payloads: &[Payload]) -> Result<Self, Problems> {
         let file = path.display().to_string();
         let sha256 = hash(path).map_err(|e| Problem::unreadable(&file, &e))?;
-        let mut run = recorded::open(path)?;
+        let mut run = recorded::open_with_inputs(path)?;
         let header = run.header().clone();
         let robot = robot(&header, payloads, None)?;
         let mut reader = Reader::new(&robot, &header);

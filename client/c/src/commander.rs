@@ -3,22 +3,63 @@
 use std::ptr;
 
 use torqued_client::robot_state::{CommanderStatus, MAX_JOINTS, Mode, Reference};
+use torqued_client::{Error, KeptCommander, LONGEST_BUSY};
 
 use crate::client::Client;
 use crate::code::{Code, Failure, guard};
 use crate::words::{deref, time};
 
+/// What the robot does while a program with a kept lease computes.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Meanwhile {
+    /// It holds: it comes to rest within its limits.
+    Hold = 0,
+    /// It goes on as the newest reference says: targets move on by their velocity and acceleration, torques
+    /// and forces stay.
+    Extrapolate = 1,
+}
+
 /// The right to command a robot, by lease: each reference renews it.
 pub struct Commander {
-    pub(crate) commander: torqued_client::Commander,
+    right: Right,
     /// What the caller changes.
     pub(crate) reference: Box<Reference>,
 }
 
+/// Who renews the lease.
+enum Right {
+    Caller(Box<torqued_client::Commander>),
+    Thread(KeptCommander),
+    /// Nobody: a thread for it could not be started.
+    Lost,
+}
+
 impl Commander {
-    /// What the commander has sent last is where the caller goes on.
-    pub(crate) fn refresh(&mut self) {
-        *self.reference = *self.commander.reference();
+    /// Uses the commander and the reference that the caller has changed.
+    pub(crate) fn with<T>(
+        &mut self,
+        use_it: impl FnOnce(&mut torqued_client::Commander, &mut Reference) -> Result<T, Error>,
+    ) -> Result<T, Failure> {
+        let Self { right, reference } = self;
+        let use_it = |commander: &mut _| use_it(commander, reference);
+        Ok(match right {
+            Right::Caller(commander) => use_it(commander),
+            Right::Thread(kept) => kept.with(use_it),
+            Right::Lost => return Err(Failure::argument("the lease was lost in torqued_keep")),
+        }?)
+    }
+
+    /// As [`with`](Self::with); what was sent last is where the caller goes on.
+    pub(crate) fn lead<T>(
+        &mut self,
+        use_it: impl FnOnce(&mut torqued_client::Commander, &Reference) -> Result<T, Error>,
+    ) -> Result<T, Failure> {
+        self.with(|commander, reference| {
+            let result = use_it(commander, reference);
+            *reference = *commander.reference();
+            result
+        })
     }
 }
 
@@ -41,7 +82,7 @@ pub unsafe extern "C" fn torqued_command(
         let commander = torqued_client::Commander::connect_with(&mut client.client, priority)?;
         let reference = Box::new(*commander.reference());
         *room = Box::into_raw(Box::new(Commander {
-            commander,
+            right: Right::Caller(Box::new(commander)),
             reference,
         }));
         Ok(())
@@ -60,7 +101,11 @@ pub unsafe extern "C" fn torqued_give_back(commander: *mut Commander) -> Code {
     }
     // SAFETY: from `Box::into_raw`, and given back once.
     let commander = unsafe { Box::from_raw(commander) };
-    guard(|| Ok(commander.commander.close()?))
+    guard(|| match commander.right {
+        Right::Caller(commander) => Ok(commander.close()?),
+        Right::Thread(kept) => Ok(kept.close()?),
+        Right::Lost => Ok(()),
+    })
 }
 
 /// The reference that `torqued_send` sends next, for the caller to change: it is the one sent last. Valid as
@@ -88,10 +133,51 @@ pub unsafe extern "C" fn torqued_send(commander: *mut Commander) -> Code {
     guard(|| {
         // SAFETY: the caller's promise.
         let commander = unsafe { deref(commander, "commander") }?;
-        let wanted = &commander.reference;
-        let sent = commander.commander.send(|reference| *reference = **wanted);
-        commander.refresh();
-        Ok(sent?)
+        commander.lead(|own, wanted| own.send(|reference| *reference = *wanted))
+    })
+}
+
+/// From now on a thread of the library keeps the lease while the program sends nothing for up to `busy_s`, at
+/// most 1 s, and `meanwhile`, one of `TORQUED_MEANWHILE_...`, happens: for programs that compute for longer
+/// than `loop.reference_timeout_ms` now and then. The thread has real-time priority where the process may. A
+/// program that is silent for longer loses the lease as any other. Holds until `torqued_give_back`; after an
+/// error of it the lease is lost, but for `TORQUED_CODE_ARGUMENT`.
+///
+/// # Safety
+/// A handle.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn torqued_keep(
+    commander: *mut Commander,
+    busy_s: f64,
+    meanwhile: u32,
+) -> Code {
+    guard(|| {
+        // SAFETY: the caller's promise.
+        let commander = unsafe { deref(commander, "commander") }?;
+        let busy = time(busy_s, "busy_s")?;
+        if busy > LONGEST_BUSY {
+            let longest = LONGEST_BUSY.as_secs_f64();
+            let words = format!("busy_s is {busy_s}; allowed: at most {longest} s");
+            return Err(Failure::argument(words));
+        }
+        let meanwhile = match meanwhile {
+            own if own == Meanwhile::Hold as u32 => torqued_client::Meanwhile::Hold,
+            own if own == Meanwhile::Extrapolate as u32 => torqued_client::Meanwhile::Extrapolate,
+            _ => {
+                let words = format!("meanwhile is {meanwhile}; allowed: 0 hold, 1 extrapolate");
+                return Err(Failure::argument(words));
+            }
+        };
+        match std::mem::replace(&mut commander.right, Right::Lost) {
+            Right::Caller(own) => {
+                commander.right = Right::Thread((*own).keep(busy, meanwhile)?);
+                Ok(())
+            }
+            kept => {
+                commander.right = kept;
+                Err(Failure::argument("a thread keeps the lease already"))
+            }
+        }
     })
 }
 
@@ -108,9 +194,8 @@ pub unsafe extern "C" fn torqued_hold_until_ready(
     guard(|| {
         // SAFETY: the caller's promise.
         let commander = unsafe { deref(commander, "commander") }?;
-        let held = (commander.commander).hold_until_ready(time(timeout_s, "timeout_s")?);
-        commander.refresh();
-        Ok(held?)
+        let timeout = time(timeout_s, "timeout_s")?;
+        commander.lead(|own, _| own.hold_until_ready(timeout))
     })
 }
 
@@ -128,7 +213,8 @@ pub unsafe extern "C" fn torqued_status(
         // SAFETY: the caller's promise.
         let commander = unsafe { deref(commander, "commander") }?;
         // SAFETY: the caller's promise.
-        *unsafe { deref(status, "status") }? = *commander.commander.status()?;
+        let status = unsafe { deref(status, "status") }?;
+        *status = commander.with(|own, _| own.status().copied())?;
         Ok(())
     })
 }
@@ -153,10 +239,7 @@ pub unsafe extern "C" fn torqued_let_go(
         for joint in &mut wanted.joints {
             (joint.dq_d, joint.ddq_d) = (0.0, 0.0);
         }
-        let wanted = &commander.reference;
-        let sent = commander.commander.send(|reference| *reference = **wanted);
-        commander.refresh();
-        Ok(sent?)
+        commander.lead(|own, wanted| own.send(|reference| *reference = *wanted))
     })
 }
 
@@ -178,9 +261,7 @@ pub unsafe extern "C" fn torqued_lead_frames(
         let (commander, frames) = unsafe { (deref(commander, "commander")?, list(frames, count)?) };
         // SAFETY: the caller's promise.
         let client = unsafe { deref(client, "client") }?;
-        let led = (commander.commander).lead_frames(&mut client.client, frames);
-        commander.refresh();
-        Ok(led?)
+        commander.lead(|own, _| own.lead_frames(&mut client.client, frames))
     })
 }
 

@@ -1,9 +1,10 @@
 //! Motions that take their time: to a pose, and along a trajectory that is sent ahead.
 
 use std::ffi::c_void;
+use std::time::Duration;
 
-use torqued_client::Timing;
 use torqued_client::robot_state::{JointPoint, Mode};
+use torqued_client::{Progress, Timing};
 
 use crate::code::{Code, Failure, guard};
 use crate::commander::Commander;
@@ -26,18 +27,15 @@ pub unsafe extern "C" fn torqued_go_to(
     guard(|| {
         // SAFETY: the caller's promise.
         let commander = unsafe { deref(commander, "commander") }?;
-        let wanted = &commander.reference;
-        let moved = commander.commander.go_to(
-            |reference| *reference = **wanted,
-            |left| match going {
-                // SAFETY: the caller's function, with the caller's context.
-                Some(going) => unsafe { going(context, left.as_secs_f64()) },
-                None => true,
-            },
-        );
-        commander.refresh();
+        let going = |left: Duration| match going {
+            // SAFETY: the caller's function, with the caller's context.
+            Some(going) => unsafe { going(context, left.as_secs_f64()) },
+            None => true,
+        };
+        let moved =
+            commander.lead(|own, wanted| own.go_to(|reference| *reference = *wanted, going))?;
         // SAFETY: the caller's promise.
-        unsafe { report(moved?, arrived) };
+        unsafe { report(moved, arrived) };
         Ok(())
     })
 }
@@ -76,32 +74,29 @@ pub unsafe extern "C" fn torqued_follow(
             duration: time(duration_s, "duration_s")?,
             spacing: time(spacing_s, "spacing_s")?,
         };
-        let wanted = &commander.reference;
-        // Stiffness, damping and wrenches of the reference are those that hold on the way.
-        commander.commander.send(|reference| {
-            let (mode, trajectory) = (reference.mode, reference.trajectory);
-            *reference = **wanted;
-            (reference.mode, reference.trajectory) = (mode, trajectory);
+        let at = |t: f64, joints: &mut [JointPoint]| {
+            // SAFETY: the caller's function, with the caller's context and room for `joints`.
+            unsafe { at(context, t, joints.as_mut_ptr(), joints.len()) };
+        };
+        let going = |progress: Progress| match going {
+            // SAFETY: the caller's function, with the caller's context.
+            Some(going) => unsafe {
+                let (time, buffered) = (progress.time, progress.buffered);
+                going(context, time.as_secs_f64(), buffered.as_secs_f64())
+            },
+            None => true,
+        };
+        let followed = commander.lead(|own, wanted| {
+            // Stiffness, damping and wrenches of the reference are those that hold on the way.
+            own.send(|reference| {
+                let (mode, trajectory) = (reference.mode, reference.trajectory);
+                *reference = *wanted;
+                (reference.mode, reference.trajectory) = (mode, trajectory);
+            })?;
+            own.follow_in(mode, timing, at, going)
         })?;
-        let followed = commander.commander.follow_in(
-            mode,
-            timing,
-            |t, joints| {
-                // SAFETY: the caller's function, with the caller's context and room for `joints`.
-                unsafe { at(context, t, joints.as_mut_ptr(), joints.len()) };
-            },
-            |progress| match going {
-                // SAFETY: the caller's function, with the caller's context.
-                Some(going) => unsafe {
-                    let (time, buffered) = (progress.time, progress.buffered);
-                    going(context, time.as_secs_f64(), buffered.as_secs_f64())
-                },
-                None => true,
-            },
-        );
-        commander.refresh();
         // SAFETY: the caller's promise.
-        unsafe { report(followed?, arrived) };
+        unsafe { report(followed, arrived) };
         Ok(())
     })
 }

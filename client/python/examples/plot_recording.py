@@ -3,7 +3,7 @@
     python plot_recording.py run.mcap --joint knee -o knee.svg
 
 Cell by cell (# %%) as a notebook where the editor knows that, as VS Code, Spyder or `jupytext` do. Needs PyPI's numpy
-and matplotlib, and torquectl.
+and matplotlib, and torquectl, which computes what a recording of frames does not hold.
 """
 
 # %% Which recording

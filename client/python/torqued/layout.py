@@ -846,7 +846,7 @@ class CommanderStatus(ctypes.Structure):
 
 
 class Request(ctypes.Structure):
-    """1128 bytes."""
+    """1144 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -866,6 +866,12 @@ class Request(ctypes.Structure):
         ("torque", ctypes.c_double),
         # See `torque`.
         ("sigma", ctypes.c_double),
+        # Messages a second of a recording of torques; 0: one for each cycle.
+        ("rate_hz", ctypes.c_double),
+        # Number of a recording's `Content`: 0 all, 1 frames, 2 torques.
+        ("content", ctypes.c_uint32),
+        # Fills the record to a multiple of eight bytes.
+        ("reserved", ctypes.c_uint32),
         # 1: a recording may replace the file `path`.
         ("overwrite", ctypes.c_uint32),
         # Index of the joint to tare, in config order.
@@ -923,5 +929,5 @@ Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2
 Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")
-Request.type_name = staticmethod(lambda: "torqued::Request#07278fa438ad059f")
+Request.type_name = staticmethod(lambda: "torqued::Request#57192db3322973c9")
 Answer.type_name = staticmethod(lambda: "torqued::Answer#275aafd2df77613d")

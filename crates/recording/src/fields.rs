@@ -39,29 +39,43 @@ pub struct Field {
 
 impl Field {
     /// The number's bytes in a record's bytes.
-    fn bytes<'a>(&self, record: &'a [u8]) -> &'a [u8] {
+    pub(crate) fn bytes<'a>(&self, record: &'a [u8]) -> &'a [u8] {
+        record.get(self.place()).unwrap_or_default()
+    }
+
+    /// The number's bytes in a record's bytes, to be written.
+    pub(crate) fn bytes_mut<'a>(&self, record: &'a mut [u8]) -> Option<&'a mut [u8]> {
+        record.get_mut(self.place())
+    }
+
+    fn place(&self) -> core::ops::Range<usize> {
         let len = match self.kind {
             Kind::U8 => 1,
             Kind::U32 => 4,
             Kind::U64 | Kind::F64 => 8,
         };
-        record
-            .get(self.offset..self.offset + len)
-            .unwrap_or_default()
+        self.offset..self.offset + len
     }
 
     /// The number in a record's bytes; large integers are rounded.
     #[must_use]
     pub fn value(&self, record: &[u8]) -> f64 {
+        let bits = self.bits(record);
+        match self.kind {
+            Kind::F64 => f64::from_bits(bits),
+            Kind::U8 | Kind::U32 | Kind::U64 => bits as f64,
+        }
+    }
+
+    /// The number's bits, as the lowest of 64.
+    #[must_use]
+    pub fn bits(&self, record: &[u8]) -> u64 {
         let bytes = self.bytes(record);
         let mut eight = [0; 8];
         if let Some(low) = eight.get_mut(..bytes.len()) {
             low.copy_from_slice(bytes);
         }
-        match self.kind {
-            Kind::F64 => f64::from_le_bytes(eight),
-            Kind::U8 | Kind::U32 | Kind::U64 => u64::from_le_bytes(eight) as f64,
-        }
+        u64::from_le_bytes(eight)
     }
 
     /// The number as text: of a float as many digits as determine its bits.

@@ -1,10 +1,12 @@
 //! Header of a recorded run: the robot, the program, the configuration's files.
 
 use std::collections::BTreeMap;
+use std::io;
 
+use problem::{Problem, Problems};
 use robot_config::Robot;
 use robot_state::{
-    Event, JointKind, MAX_FT_SENSORS, MAX_FURTHER_IMUS, MAX_JOINTS, Reference, Settings,
+    Content, Event, JointKind, MAX_FT_SENSORS, MAX_FURTHER_IMUS, MAX_JOINTS, Reference, Settings,
     SharedRecord, layout_hash,
 };
 use sha2::{Digest, Sha256};
@@ -68,6 +70,10 @@ pub struct Header {
     pub buses: Vec<String>,
     /// How the run had started.
     pub start: Start,
+    /// What is recorded of every cycle.
+    pub content: Content,
+    /// Cycles for each message of a recording of torques; 1 of any other one.
+    pub every: u32,
     /// Occasion of a black box; none of any other recording.
     pub black_box: Option<Event>,
     /// The files of the configuration; the first is the one that names the others.
@@ -95,6 +101,8 @@ impl Header {
                 .collect(),
             buses: parameters.buses.iter().map(|b| b.name.clone()).collect(),
             start,
+            content: Content::All,
+            every: 1,
             black_box: None,
             files,
         }
@@ -121,6 +129,36 @@ impl Header {
     pub fn text(&self, path: &str) -> Option<&str> {
         let file = self.files.iter().find(|file| file.path == path);
         file.map(|file| file.text.as_str())
+    }
+
+    /// That the recording holds what every cycle was given.
+    ///
+    /// # Errors
+    /// It holds torques alone.
+    pub fn demand_inputs(&self) -> Result<(), Problem> {
+        match self.content {
+            Content::All | Content::Frames => Ok(()),
+            Content::Torques => Err(Problem::new(
+                "the recording holds torques alone, not what they were computed from",
+                "a recording with --content all or frames",
+            )),
+        }
+    }
+
+    /// Loads the robot from the recording's own files.
+    ///
+    /// # Errors
+    /// Those of [`robot_config::load`]; the recording has no configuration.
+    pub fn load_robot(&self) -> Result<Robot, Problems> {
+        let Some(first) = self.files.first() else {
+            let reason = "the recording has no configuration";
+            return Err(Problem::new(reason, "a recording by torqued").into());
+        };
+        let read = |path: &str| {
+            let text = self.text(path).map(str::to_owned);
+            text.ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the recording"))
+        };
+        robot_config::load(&first.path, &read)
     }
 
     /// A hash of the layouts of message and records: another one is of another version.
@@ -163,6 +201,8 @@ impl Header {
                 self.start.fault.map_or(0, Event::number).to_string(),
             ),
             ("unix_offset_ns", self.start.unix_offset_ns.to_string()),
+            ("content", self.content.name().to_owned()),
+            ("every", self.every.to_string()),
             (
                 "black_box",
                 self.black_box.map_or(0, Event::number).to_string(),
@@ -225,6 +265,10 @@ impl Header {
                 fault: Event::from_number(fault),
                 unix_offset_ns: text("unix_offset_ns")?.parse().ok()?,
             },
+            // Runs without it hold everything.
+            content: text("content")
+                .map_or(Some(Content::All), |name| Content::from_name(&name))?,
+            every: text("every").map_or(Some(1), |n| n.parse().ok().filter(|n| *n > 0))?,
             black_box: black_box.and_then(Event::from_number),
             files: (files.into_iter())
                 .map(|path| AttachedFile {

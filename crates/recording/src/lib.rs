@@ -10,15 +10,20 @@
 #![deny(unsafe_code)]
 
 mod cdr;
+mod check;
+mod coder;
 mod compact;
 mod fields;
+mod frames;
 mod header;
 mod message;
 mod reader;
 mod replay;
+mod ros;
 mod schema;
 mod signals;
 mod timeline;
+mod torques;
 mod writer;
 
 pub use compact::Counts;
@@ -27,6 +32,8 @@ pub use header::{AttachedFile, Header, Start};
 pub use message::{CycleInput, CycleMessage, Decoder, Encoder, Glance, Note};
 pub use reader::{Ending, ReadError, Run};
 pub use replay::{Difference, Replay, Replayed, TORQUES, TorqueDifference};
+pub use ros::{RosChannel, RosMessages};
 pub use signals::{READ_SCHEMAS, Signal, SignalCollector, Signals, read_signals};
 pub use timeline::{Happening, Span, Timeline, cause_of};
+pub use torques::is_in_torques;
 pub use writer::{RunWriter, WriteError};

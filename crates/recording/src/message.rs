@@ -25,10 +25,10 @@ const HEAD: usize = 56;
 const NOTE: usize = 16;
 const FRAME_HEAD: usize = 16;
 
-const HAS_REFERENCE: u32 = 1;
-const HAS_SETTINGS: u32 = 2;
-const HAS_REQUEST: u32 = 4;
-const NOTES_LOST: u32 = 8;
+pub(crate) const HAS_REFERENCE: u32 = 1;
+pub(crate) const HAS_SETTINGS: u32 = 2;
+pub(crate) const HAS_REQUEST: u32 = 4;
+pub(crate) const NOTES_LOST: u32 = 8;
 
 /// Most notes of one cycle that are recorded; the loop makes at most eight.
 const MAX_NOTES: usize = 32;
@@ -143,7 +143,7 @@ impl Encoder {
     }
 }
 
-fn put_frame(frame: &Frame, bytes: &mut Vec<u8>) {
+pub(crate) fn put_frame(frame: &Frame, bytes: &mut Vec<u8>) {
     const ZEROS: [u8; 8] = [0; 8];
     let data = frame.payload();
     let flags = u8::from(frame.fd) | u8::from(frame.error) << 1;
@@ -165,7 +165,7 @@ pub(crate) fn request_numbers(request: OperatorRequest) -> (u32, u32) {
     }
 }
 
-fn operator_request(kind: u32, fault: u32) -> Option<OperatorRequest> {
+pub(crate) fn operator_request(kind: u32, fault: u32) -> Option<OperatorRequest> {
     match kind {
         1 => Some(OperatorRequest::Enable),
         2 => Some(OperatorRequest::Disable),
@@ -194,8 +194,11 @@ pub struct CycleMessage {
     pub tx: Frames,
     /// The cycle's output, and the loop around it.
     pub record: Box<SharedRecord>,
-    reference: Option<Reference>,
-    settings: Option<Settings>,
+    /// Of a recording of frames: CRC-32 of the cycle's record and of the frames sent, which are not
+    /// recorded.
+    pub check: Option<u32>,
+    pub(crate) reference: Option<Reference>,
+    pub(crate) settings: Option<Settings>,
 }
 
 impl Default for CycleMessage {
@@ -209,6 +212,7 @@ impl Default for CycleMessage {
             rx: Frames::default(),
             tx: Frames::default(),
             record: Box::new(SharedRecord::ZERO),
+            check: None,
             reference: None,
             settings: None,
         }
@@ -282,6 +286,7 @@ impl Decoder {
             _ => Some(operator_request(kind, fault)?),
         };
         message.notes_lost = flags & NOTES_LOST != 0;
+        message.check = None;
         message.notes.clear();
         for _ in 0..notes {
             let number = u32::try_from(take_u64(&mut rest)?).ok()?;
@@ -374,16 +379,16 @@ fn take_frame(rest: &mut &[u8]) -> Option<Frame> {
     Some(frame)
 }
 
-fn take<'a>(rest: &mut &'a [u8], len: usize) -> Option<&'a [u8]> {
+pub(crate) fn take<'a>(rest: &mut &'a [u8], len: usize) -> Option<&'a [u8]> {
     let (taken, left) = rest.split_at_checked(len)?;
     *rest = left;
     Some(taken)
 }
 
-fn take_u32(rest: &mut &[u8]) -> Option<u32> {
+pub(crate) fn take_u32(rest: &mut &[u8]) -> Option<u32> {
     Some(u32::from_le_bytes(take(rest, 4)?.try_into().ok()?))
 }
 
-fn take_u64(rest: &mut &[u8]) -> Option<u64> {
+pub(crate) fn take_u64(rest: &mut &[u8]) -> Option<u64> {
     Some(u64::from_le_bytes(take(rest, 8)?.try_into().ok()?))
 }

@@ -6,9 +6,14 @@ use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use problem::Problems;
+use robot_state::Content;
+
+use crate::coder::Coder;
 use crate::header::{Header, METADATA};
-use crate::message::{CycleMessage, Decoder};
-use crate::schema::OWN_TOPIC;
+use crate::message::CycleMessage;
+use crate::replay::{Replay, Replayed};
+use crate::schema::own_names;
 
 /// Longest record of a file that is read, bytes: a broken length must not take the memory.
 const MAX_RECORD: usize = 1 << 28;
@@ -72,11 +77,13 @@ pub struct Run<R> {
     source: R,
     reader: LinearReader,
     header: Header,
-    decoder: Decoder,
+    coder: Coder,
     channel: u16,
     /// The first cycle's message, read with the header.
     first: Option<Vec<u8>>,
     ending: Option<Ending>,
+    /// Computes what a recording of frames does not hold.
+    replay: Option<Box<Replay>>,
 }
 
 /// Result of one step of reading.
@@ -112,20 +119,21 @@ impl<R: Read> Run<R> {
                     return Err(ReadError::of_version(version, 0));
                 }
                 Found::Attachment(path, data) => attach(header.as_mut(), &path, data),
-                Found::Channel(id, topic) if topic == OWN_TOPIC => channel = Some(id),
+                Found::Channel(id, topic) if is_own(&topic, header.as_ref()) => channel = Some(id),
                 Found::Message(..) if header.is_none() => return Err(ReadError::NotARun),
                 Found::Message(id, data) if Some(id) == channel => {
                     let (Some(header), Some(channel)) = (header, channel) else {
                         return Err(ReadError::NotARun);
                     };
                     return Ok(Self {
-                        decoder: Decoder::new(header.counts()),
+                        coder: Coder::new(header.content, header.counts()),
                         source,
                         reader,
                         header,
                         channel,
                         first: Some(data),
                         ending: None,
+                        replay: None,
                     });
                 }
                 Found::Channel(..) | Found::Message(..) | Found::Other => {}
@@ -159,7 +167,10 @@ impl<R: Read> Run<R> {
             };
             match found {
                 Found::Message(id, data) if id == self.channel => {
-                    if self.decoder.decode(&data, message).is_some() {
+                    if self.coder.decode(&data, message).is_some() {
+                        if let Some(replay) = &mut self.replay {
+                            replay.restore(message);
+                        }
                         return Ok(true);
                     }
                     let why = "a message of a cycle is not what it should be";
@@ -172,10 +183,32 @@ impl<R: Read> Run<R> {
         Ok(false)
     }
 
+    /// Computes from now on what a recording of frames does not hold of each cycle; of any other one
+    /// nothing changes. To be called before the first cycle is read.
+    ///
+    /// # Errors
+    /// The configuration in the recording cannot be loaded.
+    pub fn restore(&mut self) -> Result<(), Problems> {
+        if self.header.content == Content::Frames {
+            let robot = self.header.load_robot()?;
+            self.replay = Some(Box::new(Replay::new(&robot, &self.header)?));
+        }
+        Ok(())
+    }
+
+    /// What became of the computation of a recording of frames.
+    pub fn restored(&self) -> Option<&Replayed> {
+        self.replay.as_ref().map(|replay| replay.result())
+    }
+
     /// How the file ended; none before its end.
     pub fn ending(&self) -> Option<&Ending> {
         self.ending.as_ref()
     }
+}
+
+fn is_own(topic: &str, header: Option<&Header>) -> bool {
+    header.is_some_and(|header| own_names(header.content).1 == topic)
 }
 
 fn attach(header: Option<&mut Header>, path: &str, data: Vec<u8>) {

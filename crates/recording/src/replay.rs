@@ -7,8 +7,10 @@ use robot_config::Robot;
 use robot_state::{CycleRecord, Event, RobotState, TorqueEstimate, torque_flags};
 use zerocopy::IntoBytes;
 
+use crate::check::Checker;
 use crate::compact::Counts;
 use crate::fields::Fields;
+use crate::frames::RECORD_HEAD;
 use crate::header::Header;
 use crate::message::CycleMessage;
 
@@ -97,6 +99,7 @@ pub struct Replay {
     cycle: Cycle,
     tx: Frames,
     fields: Fields,
+    checker: Checker,
     header: Header,
     result: Replayed,
     last: Option<u64>,
@@ -106,8 +109,10 @@ impl Replay {
     /// With the robot of the recording, or one that differs in its parameters.
     ///
     /// # Errors
-    /// Another robot: other joints, sensors or IMUs; those of [`Cycle::new`].
+    /// A recording of torques alone; another robot: other joints, sensors or IMUs; those of
+    /// [`Cycle::new`].
     pub fn new(robot: &Robot, header: &Header) -> Result<Self, Problem> {
+        header.demand_inputs()?;
         let own = Header::new(robot, Vec::new(), header.start);
         for (kind, own, recorded) in [
             ("joints", &own.joints, &header.joints),
@@ -129,6 +134,7 @@ impl Replay {
             cycle: Cycle::new(robot)?,
             tx: Frames::default(),
             fields: Fields::new::<CycleRecord>(counts),
+            checker: Checker::new(counts),
             header: header.clone(),
             result: Replayed {
                 joints: vec![Default::default(); counts.joints],
@@ -160,9 +166,46 @@ impl Replay {
         self.cycle
             .step(message.at, &message.rx, &client, &mut self.tx);
         self.result.cycles += 1;
-        self.compare(message);
-        self.compare_torques(recorded);
+        match message.check {
+            Some(check) => self.compare_checks(recorded.sequence, check),
+            None => {
+                self.compare(message);
+                self.compare_torques(recorded);
+            }
+        }
         self.cycle.record()
+    }
+
+    /// Computes one cycle of a recording of frames, and puts into its message what that lacks.
+    pub fn restore(&mut self, message: &mut CycleMessage) {
+        self.step(message);
+        let recorded = &message.record.cycle;
+        let mut head = *self.cycle.record();
+        // What was recorded stays, also where a recording that begins later is computed otherwise.
+        head.as_mut_bytes()[..RECORD_HEAD].copy_from_slice(&recorded.as_bytes()[..RECORD_HEAD]);
+        message.record.cycle = head;
+        message.check = None;
+        message.tx.clear();
+        for frame in &self.tx {
+            message.tx.push(*frame);
+        }
+    }
+
+    fn compare_checks(&mut self, cycle: u64, recorded: u32) {
+        let replayed = self.checker.of(self.cycle.record(), &self.tx);
+        if recorded == replayed {
+            return;
+        }
+        self.result.different += 1;
+        let shown = |check: u32| format!("CRC-32 {check:08x}");
+        self.result
+            .first_difference
+            .get_or_insert_with(|| Difference {
+                cycle,
+                field: "the record or a frame sent".to_owned(),
+                recorded: shown(recorded),
+                replayed: shown(replayed),
+            });
     }
 
     /// Differences found so far.

@@ -1,31 +1,72 @@
 //! Schemas: of our own messages, for whoever reads them without this crate, and of ROS 2's.
 
-use robot_state::{Layout, Reference, Settings, Shape, SharedRecord};
+use robot_state::{
+    Content, CycleRecord, Layout, LoopRecord, Reference, Settings, Shape, SharedRecord,
+};
 use serde_json::{Value, json};
 
 use crate::compact::{Counts, used};
+use crate::fields::Field;
 use crate::header::Header;
+use crate::torques::TorquesCoder;
 
-/// Name and encoding of our own schema; also the encoding of its messages.
-pub(crate) const OWN_NAME: &str = "torqued/Cycle";
+/// Encoding of our own schemas; also the encoding of their messages.
 pub(crate) const OWN_ENCODING: &str = "torqued";
-/// The channel of our own messages.
-pub(crate) const OWN_TOPIC: &str = "/torqued/cycle";
+
+/// Name of our own schema, and the channel of its messages.
+pub(crate) fn own_names(content: Content) -> (&'static str, &'static str) {
+    match content {
+        Content::All => ("torqued/Cycle", "/torqued/cycle"),
+        Content::Frames => ("torqued/Frames", "/torqued/frames"),
+        Content::Torques => ("torqued/Torques", "/torqued/torques"),
+    }
+}
 
 /// The message's head and the records' fields with their places in the compact layout.
-pub(crate) fn own(counts: Counts) -> String {
-    let message = include_str!("message.rs").lines();
-    let head: Vec<&str> = message
+pub(crate) fn own(content: Content, counts: Counts) -> String {
+    let message = match content {
+        Content::All => include_str!("message.rs"),
+        Content::Frames => include_str!("frames.rs"),
+        Content::Torques => include_str!("torques.rs"),
+    };
+    let head: Vec<&str> = (message.lines())
         .take_while(|line| line.starts_with("//!"))
         .map(|line| line.trim_start_matches("//!").trim_start_matches(' '))
         .collect();
-    let schema = json!({
-        "layout": format!("{:016x}", Header::layout()),
-        "message": head,
-        "record": described(&SharedRecord::SHAPE, counts),
-        "reference": described(&Reference::SHAPE, counts),
-        "settings": described(&Settings::SHAPE, counts),
-    });
+    let layout = format!("{:016x}", Header::layout());
+    let record = described(&SharedRecord::SHAPE, counts);
+    let reference = described(&Reference::SHAPE, counts);
+    let settings = described(&Settings::SHAPE, counts);
+    let schema = match content {
+        Content::All => json!({
+            "layout": layout,
+            "message": head,
+            "record": record,
+            "reference": reference,
+            "settings": settings,
+        }),
+        Content::Frames => json!({
+            "layout": layout,
+            "message": head,
+            "record_head": described(&CycleRecord::SHAPE, counts),
+            "loop": described(&LoopRecord::SHAPE, counts),
+            "reference": reference,
+            "settings": settings,
+        }),
+        Content::Torques => {
+            let coder = TorquesCoder::new(counts);
+            let fields = coder.fields().iter();
+            let field = |field: &Field| {
+                let kind = format!("{:?}", field.kind).to_lowercase();
+                json!({ "name": field.path, "type": kind, "doc": field.doc.trim() })
+            };
+            json!({
+                "layout": layout,
+                "message": head,
+                "fields": fields.map(field).collect::<Value>(),
+            })
+        }
+    };
     schema.to_string()
 }
 
@@ -50,10 +91,6 @@ fn described(shape: &Shape, counts: Counts) -> Value {
             .collect(),
     }
 }
-
-/// Encodings of ROS 2's schemas and messages.
-pub(crate) const ROS_SCHEMA: &str = "ros2msg";
-pub(crate) const ROS_MESSAGE: &str = "cdr";
 
 const BETWEEN: &str =
     "================================================================================\n";

@@ -6,16 +6,22 @@ use std::io::{Seek, Write};
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions};
+use robot_state::Content;
 
-use crate::cdr::Cdr;
+use crate::coder::Coder;
 use crate::header::{Header, METADATA};
 use crate::message::{CycleMessage, Decoder};
-use crate::schema::{self, OWN_ENCODING, OWN_NAME, OWN_TOPIC, ROS_MESSAGE, ROS_SCHEMA};
+use crate::ros::{RosChannel, RosMessages};
+use crate::schema::{self, OWN_ENCODING};
 
 /// Bytes of a chunk before compression: what a crash can lose, some tens of milliseconds.
 const CHUNK: u64 = 1 << 20;
 /// The level that costs the recorder's thread least.
 const LEVEL: u32 = 1;
+/// Intervals of ROS 2's messages, s: beside frames for a glance by other people's tools, beside torques as
+/// finely as a plot shows. Their 64-bit numbers at 1 kHz would take as much again as the torques do.
+const ROS_BESIDE_FRAMES_S: f64 = 0.1;
+const ROS_BESIDE_TORQUES_S: f64 = 0.01;
 
 /// Writing failed.
 #[derive(Debug, thiserror::Error)]
@@ -40,25 +46,33 @@ impl From<McapError> for WriteError {
     }
 }
 
-/// Channels of the messages that other people's tools know.
-#[derive(Debug, Default)]
-struct RosChannels {
-    joints: u16,
-    wrenches: Vec<u16>,
-    imus: Vec<u16>,
-}
-
 /// A file that is being written, cycle by cycle. It is never seeked in: what was flushed stays
 /// readable, whatever happens later.
 pub struct RunWriter<W: Write + Seek> {
     file: mcap::Writer<W>,
     header: Header,
     decoder: Decoder,
+    coder: Coder,
     message: CycleMessage,
-    cdr: Cdr,
+    own_bytes: Vec<u8>,
     own: u16,
-    ros: RosChannels,
+    ros: RosMessages,
+    ros_channels: Vec<u16>,
     sequence: u32,
+    /// Cycles for each of ROS 2's messages.
+    ros_every: u64,
+}
+
+/// Cycles for each of ROS 2's messages: a multiple of those for each of our own.
+fn ros_every(header: &Header) -> u64 {
+    let every = f64::from(header.every);
+    let interval_s = match header.content {
+        Content::All => 0.0,
+        Content::Frames => ROS_BESIDE_FRAMES_S,
+        Content::Torques => ROS_BESIDE_TORQUES_S,
+    };
+    let multiple = (interval_s / (every * header.period_s)).round().max(1.0);
+    (every * multiple) as u64
 }
 
 impl<W: Write + Seek> RunWriter<W> {
@@ -90,37 +104,29 @@ impl<W: Write + Seek> RunWriter<W> {
             })?;
         }
         let none = BTreeMap::new();
-        let schema = schema::own(header.counts());
-        let own = file.add_schema(OWN_NAME, OWN_ENCODING, schema.as_bytes())?;
-        let own = file.add_channel(own, OWN_TOPIC, OWN_ENCODING, &none)?;
-        let mut ros_channel = |name: &str, schema: &str, topic: &str| {
-            let schema = file.add_schema(name, ROS_SCHEMA, schema.as_bytes())?;
-            file.add_channel(schema, topic, ROS_MESSAGE, &none)
-        };
-        let (name, text) = ("sensor_msgs/msg/JointState", schema::joint_state());
-        let joints = ros_channel(name, &text, "/joint_states")?;
-        let (name, text) = ("geometry_msgs/msg/WrenchStamped", schema::wrench());
-        let wrenches = header.sensors.iter();
-        let wrenches =
-            wrenches.map(|sensor| ros_channel(name, &text, &format!("/wrench/{sensor}")));
-        let wrenches = wrenches.collect::<Result<_, _>>()?;
-        // The first one shows the base's motion.
-        let topics = header.imus.iter().skip(1);
-        let topics = std::iter::once("/imu".to_owned()).chain(topics.map(|f| format!("/imu/{f}")));
-        let imus = topics.map(|topic| ros_channel("sensor_msgs/msg/Imu", &schema::imu(), &topic));
-        let imus = imus.collect::<Result<_, _>>()?;
+        let schema = schema::own(header.content, header.counts());
+        let (name, topic) = schema::own_names(header.content);
+        let own = file.add_schema(name, OWN_ENCODING, schema.as_bytes())?;
+        let own = file.add_channel(own, topic, OWN_ENCODING, &none)?;
+        let ros = RosMessages::new(&header.joints, &header.sensors, &header.imus);
+        let ros_channels = ros.channels().into_iter().map(|channel| {
+            let schema = channel.schema.as_bytes();
+            let encoding = RosChannel::SCHEMA_ENCODING;
+            let schema = file.add_schema(channel.schema_name, encoding, schema)?;
+            file.add_channel(schema, &channel.topic, RosChannel::ENCODING, &none)
+        });
+        let ros_channels = ros_channels.collect::<Result<_, McapError>>()?;
         Ok(Self {
             file,
             decoder: Decoder::new(header.counts()),
+            coder: Coder::new(header.content, header.counts()),
+            own_bytes: Vec::new(),
+            ros_every: ros_every(header),
             header: header.clone(),
             message: CycleMessage::default(),
-            cdr: Cdr::default(),
             own,
-            ros: RosChannels {
-                joints,
-                wrenches,
-                imus,
-            },
+            ros,
+            ros_channels,
             sequence: 0,
         })
     }
@@ -133,31 +139,29 @@ impl<W: Write + Seek> RunWriter<W> {
         let decoded = self.decoder.decode(bytes, &mut self.message);
         decoded.ok_or(WriteError::Message(bytes.len()))?;
         let record = &self.message.record.cycle;
+        if !record.sequence.is_multiple_of(u64::from(self.header.every)) {
+            return Ok(());
+        }
         let offset_ns = self.header.start.unix_offset_ns;
         let stamp_ns = record.stamp_ns.saturating_add_signed(offset_ns);
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
         let header = |channel_id: u16| MessageHeader {
             channel_id,
-            sequence: self.sequence,
+            sequence,
             log_time: stamp_ns,
             publish_time: stamp_ns,
         };
-        self.file.write_to_known_channel(&header(self.own), bytes)?;
-        self.cdr.joint_state(stamp_ns, &self.header.joints, record);
-        (self.file).write_to_known_channel(&header(self.ros.joints), self.cdr.bytes())?;
-        let sensors = self.header.sensors.iter().zip(&record.measured.ft);
-        for ((sensor, measured), channel) in sensors.zip(&self.ros.wrenches) {
-            self.cdr.wrench(stamp_ns, sensor, measured);
-            (self.file).write_to_known_channel(&header(*channel), self.cdr.bytes())?;
+        let own = self.coder.encode(bytes, &self.message, &mut self.own_bytes);
+        self.file.write_to_known_channel(&header(self.own), own)?;
+        if !record.sequence.is_multiple_of(self.ros_every) {
+            return Ok(());
         }
-        let further = &record.measured.further_imus;
-        let imus = std::iter::once(&record.measured.imu).chain(further);
-        let frames =
-            std::iter::once("imu").chain(self.header.imus.iter().skip(1).map(String::as_str));
-        for ((imu, frame), channel) in imus.zip(frames).zip(&self.ros.imus) {
-            self.cdr.imu(stamp_ns, frame, imu);
-            (self.file).write_to_known_channel(&header(*channel), self.cdr.bytes())?;
-        }
-        self.sequence = self.sequence.wrapping_add(1);
+        let (file, channels) = (&mut self.file, &self.ros_channels);
+        self.ros.write(stamp_ns, record, |channel, bytes| {
+            let channel = channels.get(channel).copied().unwrap_or_default();
+            file.write_to_known_channel(&header(channel), bytes)
+        })?;
         Ok(())
     }
 

@@ -8,7 +8,7 @@ use recording::{
     AttachedFile, CycleInput, CycleMessage, Encoder, Ending, Glance, Header, ReadError, Run,
     RunWriter, Start,
 };
-use robot_state::{Event, JointKind, Reference, Settings, SharedRecord};
+use robot_state::{Content, Event, JointKind, Reference, Settings, SharedRecord};
 use test_support::{Random, allocations};
 
 const CYCLES: u64 = 400;
@@ -28,6 +28,8 @@ fn header() -> Header {
             fault: Some(Event::JointStale),
             unix_offset_ns: -5,
         },
+        content: Content::All,
+        every: 1,
         black_box: Some(Event::LoopEnded),
         files: vec![AttachedFile {
             path: "config/leg/robot.toml".to_owned(),
@@ -105,9 +107,12 @@ impl Given {
 }
 
 fn file() -> Vec<u8> {
-    let header = header();
+    file_of(&header())
+}
+
+fn file_of(header: &Header) -> Vec<u8> {
     let mut encoder = Encoder::new(header.counts());
-    let mut writer = RunWriter::new(Cursor::new(Vec::new()), &header).expect("in memory");
+    let mut writer = RunWriter::new(Cursor::new(Vec::new()), header).expect("in memory");
     for cycle in 1..=CYCLES {
         let given = given(cycle);
         if cycle.is_multiple_of(50) {
@@ -164,6 +169,101 @@ fn what_was_written_is_read_again() {
     }
     assert!(!run.next_cycle(&mut message).expect("readable"));
     assert_eq!(run.ending(), Some(&Ending::Complete));
+}
+
+#[test]
+fn frames_are_read_again_with_a_checksum_in_place_of_what_follows_from_them() {
+    let header = Header {
+        content: Content::Frames,
+        ..header()
+    };
+    let bytes = file_of(&header);
+    let mut run = Run::open(bytes.as_slice()).expect("a run");
+    assert_eq!(*run.header(), header);
+    let mut message = CycleMessage::default();
+    let mut checks = Vec::new();
+    for cycle in 1..=CYCLES {
+        assert!(run.next_cycle(&mut message).expect("readable"));
+        let given = given(cycle);
+        let head = |record: &SharedRecord| {
+            let cycle = &record.cycle;
+            (
+                cycle.sequence,
+                cycle.stamp_ns,
+                cycle.joint_count,
+                record.timing,
+            )
+        };
+        assert_eq!(head(&message.record), head(&given.record));
+        assert_eq!(
+            message.record.cycle.measured,
+            SharedRecord::default().cycle.measured
+        );
+        assert_eq!(message.at, given.at);
+        assert_eq!(message.rx.as_slice(), given.rx.as_slice());
+        assert_eq!(message.rx.overflow(), given.rx.overflow());
+        assert!(message.tx.is_empty());
+        let client = message.client();
+        assert_eq!(client.reference, Some(&given.reference));
+        assert_eq!(client.settings, Some(&given.settings));
+        assert_eq!((client.age_s, client.request), (0.25, given.request));
+        assert_eq!(message.notes.len(), usize::from(cycle.is_multiple_of(50)));
+        checks.push(message.check.expect("a checksum"));
+    }
+    assert!(!run.next_cycle(&mut message).expect("readable"));
+    assert_eq!(run.ending(), Some(&Ending::Complete));
+    checks.sort_unstable();
+    checks.dedup();
+    assert_eq!(checks.len() as u64, CYCLES, "each of its own record");
+}
+
+#[test]
+fn torques_are_read_again_with_seven_digits_of_every_second_cycle() {
+    let header = Header {
+        content: Content::Torques,
+        every: 2,
+        ..header()
+    };
+    let bytes = file_of(&header);
+    let mut run = Run::open(bytes.as_slice()).expect("a run");
+    let mut message = CycleMessage::default();
+    for cycle in (2..=CYCLES).step_by(2) {
+        assert!(run.next_cycle(&mut message).expect("readable"));
+        let (found, given) = (&message.record.cycle, given(cycle).record.cycle);
+        assert_eq!(
+            (found.sequence, found.stamp_ns),
+            (given.sequence, given.stamp_ns)
+        );
+        for (found, given) in found.measured.joints.iter().zip(&given.measured.joints) {
+            assert_eq!(found.q, f64::from(given.q as f32));
+            assert_eq!(found.theta, f64::from(given.theta as f32));
+            assert_eq!(found.age_s, 0.0, "not recorded");
+        }
+        assert!(message.rx.is_empty() && message.reference().is_none());
+    }
+    assert!(!run.next_cycle(&mut message).expect("readable"));
+    assert_eq!(run.ending(), Some(&Ending::Complete));
+}
+
+#[test]
+fn damaged_frames_and_torques_are_never_read_wrong() {
+    for content in [Content::Frames, Content::Torques] {
+        let header = Header {
+            content,
+            ..header()
+        };
+        let bytes = file_of(&header);
+        let mut random = Random::new(6);
+        for _ in 0..100 {
+            let length = random.below(bytes.len());
+            let _ = read(&bytes[..length]);
+            let mut spoilt = bytes.clone();
+            let place = random.below(spoilt.len());
+            spoilt[place] = random.bits() as u8;
+            let _ = read(&spoilt);
+        }
+        assert_eq!(read(&bytes).expect("whole"), (CYCLES, Ending::Complete));
+    }
 }
 
 #[test]

@@ -17,6 +17,7 @@ mod liveness;
 mod parameters;
 mod paths;
 mod reader;
+mod recorder;
 mod safety;
 mod sampling;
 mod sensors;
@@ -178,6 +179,7 @@ fn robot(
     let whole_body = contacts::whole_body(&root, &ft_sensors);
     let external_torque = external_torque::external_torque(&root, timing.sample_period);
     let tare = tare::tare(&root, timing.sample_period);
+    let recorder = recorder::recorder(&root, timing.sample_period);
     let tables = wiring.compile();
     let nodes = wiring.take_nodes();
     let (readable, again) = (!diagnostics.any(), root.again());
@@ -205,6 +207,7 @@ fn robot(
         ft_sensors,
         imus,
         frames,
+        recorder,
     };
     if readable {
         joints::choose_designs(&mut parameters);

@@ -21,7 +21,7 @@ use core::net::Ipv4Addr;
 use dynamics::Base;
 use estimators::filter_bank::FilterDesign;
 use estimators::savitzky_golay::SavitzkyGolayParameters;
-use robot_state::Reactions;
+use robot_state::{Content, Reactions};
 use whole_body::TareParameters;
 
 /// All parameters of a configuration.
@@ -65,6 +65,23 @@ pub struct Parameters {
     pub imus: Vec<ImuParameters>,
     /// The frames that mode Cartesian can lead, in config order.
     pub frames: Vec<FrameParameters>,
+    /// The recording that always runs; none: there is none.
+    pub recorder: Option<RecorderSettings>,
+}
+
+/// A recording that runs as long as the daemon does, into files that are removed by age.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RecorderSettings {
+    /// What it holds of every cycle.
+    pub content: Content,
+    /// Messages a second, of torques; none: one for each cycle.
+    pub rate_hz: Option<f64>,
+    /// Size at which a file ends and the next one begins, bytes.
+    pub file_bytes: u64,
+    /// Size of all files together above which the oldest ones are removed, bytes.
+    pub kept_bytes: u64,
+    /// Age at which a file is removed, s.
+    pub kept_s: f64,
 }
 
 /// A frame that mode Cartesian leads.

@@ -6,6 +6,7 @@
 //! First words of a field's documentation: printed symbol, meaning, unit.
 #![deny(unsafe_code)]
 
+mod content;
 mod event;
 mod joint_kind;
 mod layout;
@@ -14,6 +15,7 @@ mod records;
 mod requests;
 mod state;
 
+pub use content::Content;
 pub use event::{EVENT_COUNT, Event, Reaction, Reactions, source};
 pub use joint_kind::JointKind;
 pub use layout::{Field, Layout, Shape, layout_hash};

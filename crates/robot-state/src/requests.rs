@@ -82,6 +82,12 @@ record! {
         pub torque: f64,
         /// See `torque`.
         pub sigma: f64,
+        /// Messages a second of a recording of torques; 0: one for each cycle.
+        pub rate_hz: f64,
+        /// Number of a recording's `Content`: 0 all, 1 frames, 2 torques.
+        pub content: u32,
+        /// Fills the record to a multiple of eight bytes.
+        pub reserved: u32,
         /// 1: a recording may replace the file `path`.
         pub overwrite: u32,
         /// Index of the joint to tare, in config order.

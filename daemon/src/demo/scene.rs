@@ -15,7 +15,7 @@ use super::{DemoOptions, Motion, robots};
 use crate::bus::Bus;
 use crate::control_loop::ControlLoop;
 use crate::failure::Failure;
-use crate::recorder::{self, Recorder, RecorderHandle, RecordingRequest};
+use crate::recorder::{self, Contents, Recorder, RecorderHandle, RecordingRequest};
 use crate::run::unix_offset_ns;
 
 /// A robot, simulated, with its motion.
@@ -145,6 +145,7 @@ impl Recording {
             path: path.to_path_buf(),
             seconds: None,
             last_s: 0.0,
+            contents: Contents::default(),
             overwrite: false,
             unattended: true,
         });

@@ -5,7 +5,9 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use problem::{Allowed, Problem};
 use recording::{Header, RunWriter, WriteError};
+use robot_state::Content;
 use terminal::NewFile;
 
 use super::history::History;
@@ -14,6 +16,47 @@ use super::history::History;
 const FLUSH_NS: u64 = 1_000_000_000;
 /// A recording ends when its client has not asked after it for so long.
 const LEASE: Duration = Duration::from_secs(5);
+
+/// What a recording holds of every cycle, and of how many.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Contents {
+    /// What it holds of a cycle.
+    pub content: Content,
+    /// Cycles for each message; above 1 of torques alone.
+    pub every: u32,
+}
+
+impl Default for Contents {
+    fn default() -> Self {
+        Self {
+            content: Content::All,
+            every: 1,
+        }
+    }
+}
+
+impl Contents {
+    /// With so many messages a second, none: one for each cycle.
+    ///
+    /// # Errors
+    /// A rate that the loop does not have, or of other contents than torques.
+    pub fn new(content: Content, rate_hz: Option<f64>, period_s: f64) -> Result<Self, Problem> {
+        let Some(rate_hz) = rate_hz else {
+            return Ok(Self { content, every: 1 });
+        };
+        if content != Content::Torques {
+            let reason = format!("a rate of {rate_hz} Hz with the content {}", content.name());
+            return Err(Problem::new(reason, "a rate with the content torques"));
+        }
+        let allowed = Allowed::Within(0.1, (1.0 / period_s).round());
+        if !allowed.admits(rate_hz) {
+            let reason = format!("torques cannot be recorded {rate_hz} times a second");
+            return Err(Problem::new(reason, allowed.to_string()));
+        }
+        let every = (1.0 / (period_s * rate_hz)).round().max(1.0) as u32;
+        Ok(Self { content, every })
+    }
+}
 
 /// Requests to the recorder.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +69,8 @@ pub enum RecordingRequest {
         seconds: Option<f64>,
         /// Time before now that is recorded too, s.
         last_s: f64,
+        /// What is recorded.
+        contents: Contents,
         /// A file that is already there is replaced, once the new one is whole.
         overwrite: bool,
         /// Nobody has to ask after it: it ends with the daemon.
@@ -128,6 +173,8 @@ pub(super) struct Output {
     lost: u64,
     renewed: Option<Instant>,
     at_end: bool,
+    /// Size of the file at the last flush, bytes.
+    on_disk: u64,
 }
 
 impl Output {
@@ -153,6 +200,7 @@ impl Output {
             lost: 0,
             renewed: None,
             at_end: false,
+            on_disk: 0,
         })
     }
 
@@ -180,6 +228,7 @@ impl Output {
             if stamp_ns.saturating_sub(self.flushed_ns.max(first_ns)) >= FLUSH_NS {
                 self.writer.flush()?;
                 self.flushed_ns = stamp_ns;
+                self.on_disk = std::fs::metadata(&self.path).map_or(0, |file| file.len());
             }
             written += 1;
         }
@@ -207,6 +256,16 @@ impl Output {
     pub(super) fn is_expired(&self, now: Instant) -> bool {
         let renewed = self.renewed;
         renewed.is_some_and(|renewed| now.duration_since(renewed) > LEASE)
+    }
+
+    /// The entry of the history that it would write next.
+    pub(super) fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// Size of the file at the last flush, bytes.
+    pub(super) fn on_disk(&self) -> u64 {
+        self.on_disk
     }
 
     pub(super) fn cycles(&self) -> u64 {

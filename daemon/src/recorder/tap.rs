@@ -19,7 +19,7 @@ pub(super) struct Shared {
     progress: AtomicU64,
     ended_as_asked: AtomicBool,
     /// Of each [`Slot`]; never taken by the loop.
-    status: [Mutex<RecordingStatus>; 2],
+    status: [Mutex<RecordingStatus>; 3],
 }
 
 /// Who wanted a recording; each may have one.
@@ -29,6 +29,8 @@ pub(super) enum Slot {
     Client,
     /// Whoever started the daemon.
     Start,
+    /// The configuration.
+    Always,
 }
 
 impl Shared {
@@ -92,10 +94,11 @@ impl Shared {
     }
 
     fn lock(&self, slot: Slot) -> MutexGuard<'_, RecordingStatus> {
-        let [client, start] = &self.status;
+        let [client, start, always] = &self.status;
         let status = match slot {
             Slot::Client => client,
             Slot::Start => start,
+            Slot::Always => always,
         };
         status.lock().unwrap_or_else(PoisonError::into_inner)
     }

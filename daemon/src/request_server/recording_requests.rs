@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use problem::{Allowed, Problem};
-use robot_state::{Request, request};
+use robot_state::{Content, Request, request};
 
 use super::PROGRESS;
-use crate::recorder::{HISTORY_S, RecorderHandle, RecordingRequest, RecordingStatus};
+use crate::recorder::{Contents, HISTORY_S, RecorderHandle, RecordingRequest, RecordingStatus};
 
 /// Longest time for the recorder to begin or end a file.
 const LIMIT: Duration = Duration::from_secs(20);
@@ -18,6 +18,8 @@ const MAX_SECONDS: f64 = 86_400.0;
 #[derive(Debug, Default)]
 pub(super) struct RecordingRequests {
     recorder: Option<RecorderHandle>,
+    /// The loop's, s.
+    period_s: f64,
     waiting: Option<Waiting>,
 }
 
@@ -35,8 +37,9 @@ struct Waiting {
 type Outcome = Result<Option<String>, Problem>;
 
 impl RecordingRequests {
-    pub(super) fn record_with(&mut self, recorder: RecorderHandle) {
+    pub(super) fn record_with(&mut self, recorder: RecorderHandle, period_s: f64) {
         self.recorder = Some(recorder);
+        self.period_s = period_s;
     }
 
     /// Begins a recording; its outcome follows.
@@ -61,10 +64,17 @@ impl RecordingRequests {
                 format!("up to {MAX_SECONDS} s; negative: until its end is asked for"),
             ));
         }
+        let content = Content::from_number(asked.content).ok_or_else(|| {
+            let reason = format!("there is no content {} of a recording", asked.content);
+            Problem::new(reason, "0 all, 1 frames, 2 torques")
+        })?;
+        let rate_hz = (asked.rate_hz != 0.0).then_some(asked.rate_hz);
+        let contents = Contents::new(content, rate_hz, self.period_s)?;
         let begin = RecordingRequest::Begin {
             path,
             seconds: (asked.seconds >= 0.0).then_some(asked.seconds),
             last_s: asked.last_s,
+            contents,
             overwrite: asked.overwrite == 1,
             unattended: false,
         };

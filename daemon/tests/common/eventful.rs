@@ -15,7 +15,7 @@ use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::bus::{Bus, BusCounters, FaultInjector, Faults, LockStep};
 use torqued::control_loop::ControlLoop;
 use torqued::real_time::Pace;
-use torqued::recorder::{self, RecordingRequest};
+use torqued::recorder::{self, Contents, RecordingRequest};
 
 use super::{plant, sim};
 
@@ -79,6 +79,7 @@ pub(crate) fn record(
     files: Vec<AttachedFile>,
     cycles: u64,
     path: &Path,
+    contents: Contents,
 ) -> Happened {
     let clock = VirtualClock::new();
     clock.advance_to(1_000_000_000);
@@ -89,6 +90,7 @@ pub(crate) fn record(
         path: path.to_owned(),
         seconds: None,
         last_s: 0.0,
+        contents,
         overwrite: false,
         unattended: true,
     });

@@ -15,7 +15,7 @@ use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
 use torqued::control_loop::ControlLoop;
 use torqued::looper::Looper;
 use torqued::real_time::{Pace, WakeReport};
-use torqued::recorder::{self, BlackBoxes, Recorder, RecorderHandle, RecordingRequest};
+use torqued::recorder::{self, BlackBoxes, Contents, Recorder, RecorderHandle, RecordingRequest};
 use torqued::request_server::RequestServer;
 use torqued::shared_memory;
 use torqued::summary::Timing;
@@ -111,6 +111,7 @@ impl Recorded<'_> {
                 path,
                 seconds: None,
                 last_s: 0.0,
+                contents: Contents::default(),
                 overwrite: false,
                 unattended: true,
             });

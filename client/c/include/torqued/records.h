@@ -682,6 +682,12 @@ typedef struct TorquedRequest {
   double torque;
   /** See `torque`. */
   double sigma;
+  /** Messages a second of a recording of torques; 0: one for each cycle. */
+  double rate_hz;
+  /** Number of a recording's `Content`: 0 all, 1 frames, 2 torques. */
+  uint32_t content;
+  /** Fills the record to a multiple of eight bytes. */
+  uint32_t reserved;
   /** 1: a recording may replace the file `path`. */
   uint32_t overwrite;
   /** Index of the joint to tare, in config order. */
@@ -689,7 +695,7 @@ typedef struct TorquedRequest {
   /** Absolute path of the file to record into, as the daemon sees it. */
   char path[1024];
 } TorquedRequest;
-TORQUED_SIZE(TorquedRequest, 1128);
+TORQUED_SIZE(TorquedRequest, 1144);
 
 typedef struct TorquedTaredSensor {
   /** Offset of the tare; it is subtracted from the reading in addition to the configuration's offset. */

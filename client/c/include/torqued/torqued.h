@@ -114,6 +114,32 @@ typedef int32_t TorquedCode;
 #endif // __cplusplus
 
 /**
+ * What the robot does while a program with a kept lease computes.
+ */
+enum TorquedMeanwhile
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * It holds: it comes to rest within its limits.
+   */
+  TORQUED_MEANWHILE_HOLD = 0,
+  /**
+   * It goes on as the newest reference says: targets move on by their velocity and acceleration, torques
+   * and forces stay.
+   */
+  TORQUED_MEANWHILE_EXTRAPOLATE = 1,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum TorquedMeanwhile TorquedMeanwhile;
+#else
+typedef uint32_t TorquedMeanwhile;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * A connection to a robot's daemon; it outlives the daemon.
  */
 typedef struct TorquedClient TorquedClient;
@@ -281,6 +307,20 @@ TorquedReference *torqued_reference(struct TorquedCommander *commander);
  * A handle.
  */
 TorquedCode torqued_send(struct TorquedCommander *commander);
+
+/**
+ * From now on a thread of the library keeps the lease while the program sends nothing for up to `busy_s`, at
+ * most 1 s, and `meanwhile`, one of `TORQUED_MEANWHILE_...`, happens: for programs that compute for longer
+ * than `loop.reference_timeout_ms` now and then. The thread has real-time priority where the process may. A
+ * program that is silent for longer loses the lease as any other. Holds until `torqued_give_back`; after an
+ * error of it the lease is lost, but for `TORQUED_CODE_ARGUMENT`.
+ *
+ * # Safety
+ * A handle.
+ */
+TorquedCode torqued_keep(struct TorquedCommander *commander,
+                         double busy_s,
+                         uint32_t meanwhile);
 
 /**
  * Asks for mode hold until a mode would be followed, waiting at most `timeout_s`: for a robot that an

@@ -178,6 +178,14 @@ struct Progress {
   Seconds buffered;
 };
 
+/** What the robot does while a program with a kept lease computes. */
+enum class Meanwhile : std::uint32_t {
+  /** It comes to rest within its limits, and holds. */
+  hold = TORQUED_MEANWHILE_HOLD,
+  /** Targets move on by their velocity and acceleration; torques and forces stay. */
+  extrapolate = TORQUED_MEANWHILE_EXTRAPOLATE,
+};
+
 /** The right to command a robot, by lease: each reference renews it. Given back at its end: the robot holds. */
 class Commander {
  public:
@@ -192,6 +200,13 @@ class Commander {
 
   /** Sends the reference; an error is about earlier ones. */
   void send() { detail::check(torqued_send(commander_.get())); }
+
+  /** From now on a thread of the library keeps the lease while the program is busy for up to that time, at
+   *  most 1 s: a program that is silent for longer loses it as any other. */
+  void keep(Seconds busy, Meanwhile meanwhile) {
+    const auto number = static_cast<std::uint32_t>(meanwhile);
+    detail::check(torqued_keep(commander_.get(), busy.count(), number));
+  }
 
   /** Asks for hold until a mode would be followed. */
   void hold_until_ready(Seconds timeout) {

@@ -1,9 +1,11 @@
 // Calls every function of the library, with what it allows and with what it refuses.
 
+#include <chrono>
 #include <cmath>
 #include <iostream>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <torqued/torqued.hpp>
 
 namespace {
@@ -115,6 +117,37 @@ void a_robot_is_commanded(torqued::Client& client) {
   commander.close();
 }
 
+void a_lease_is_kept_while_the_program_is_busy(torqued::Client& client) {
+  using torqued::Meanwhile;
+  for (auto meanwhile : {Meanwhile::hold, Meanwhile::extrapolate}) {
+    torqued::Commander commander(client);
+    commander.hold_until_ready(Seconds(5.0));
+    REQUIRE(code_of([&] { commander.keep(Seconds(1.1), meanwhile); }, "at most 1 s") ==
+            TORQUED_CODE_ARGUMENT);
+    REQUIRE(torqued_keep(nullptr, 1.0, 0) == TORQUED_CODE_ARGUMENT);
+    commander.keep(Seconds(1.0), meanwhile);
+    REQUIRE(code_of([&] { commander.keep(Seconds(1.0), meanwhile); }, "already") ==
+            TORQUED_CODE_ARGUMENT);
+    auto& reference = commander.reference();
+    reference.mode = TORQUED_MODE_INVERSE_DYNAMICS;
+    reference.joints[2].q_d = 0.0, reference.joints[2].dq_d = 1.0;
+    commander.send();
+    const auto sent = commander.reference().sequence;
+    std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    client.latest_record();
+    auto record = client.next_record();
+    REQUIRE(record->cycle.commander.sequence > sent + 5);
+    const bool held = record->cycle.mode == TORQUED_MODE_HOLD;
+    REQUIRE(held == (meanwhile == Meanwhile::hold));
+    REQUIRE(held || record->cycle.measured.joints[2].q > 0.1);
+    // What the thread has sent changes nothing of the caller's reference.
+    REQUIRE(reference.mode == TORQUED_MODE_INVERSE_DYNAMICS && reference.joints[2].q_d == 0.0);
+    commander.status();
+    REQUIRE(commander.go_to());
+    commander.close();
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
@@ -131,6 +164,7 @@ int main(int argc, char** argv) try {
   }
   requests_are_answered(client);
   a_robot_is_commanded(client);
+  a_lease_is_kept_while_the_program_is_busy(client);
   std::cout << "all as promised\n";
 } catch (const std::exception& error) {
   std::cerr << error.what() << '\n';

@@ -33,6 +33,10 @@ fn every_example_compiles_without_a_warning_and_runs() {
         );
         let printed = run("04_follow_trajectory.cpp", &["leg"]);
         assert_eq!(printed, "arrived\n");
+        let printed = run("05_plan_slowly.cpp", &["leg"]);
+        assert!(printed.ends_with(" plans, the lease kept\n"), "{printed}");
+        let printed = run("06_round_trip.cpp", &["leg", "0.5"]);
+        assert!(printed.contains("\"p99_ms\": "), "{printed}");
     }
 }
 
