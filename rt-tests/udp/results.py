@@ -33,9 +33,9 @@ def write(path):
         COMMAND,
         "```",
         "",
-        "runs `torqued run` on a UDP bus against drives of other people's: PyPI `canopen`'s LocalNode and `durand` as drives of CiA 402,"
-        " and the actuators of `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and"
-        " `moteus`, or follow the makers' manuals. It writes this page. The loop runs at 200 Hz.",
+        "runs `torqued run` on a UDP bus against drives of other people's, and writes this page. Drives of CiA 402 are PyPI"
+        " `canopen`'s LocalNode and `durand`. Actuators are those of `rt-tests/udp/actuators.py`, whose frames are those of"
+        " PyPI `damiao-motor`, `odrive-can` and `moteus`, or follow the makers' manuals. The loop runs at 200 Hz.",
         "",
         f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors with other work beside.",
         "",
@@ -58,5 +58,6 @@ def write(path):
         "| interrupted by | what is said |",
         "| --- | --- |",
     ]
-    lines += [f"| {case} | {said} |" for case, said in TABLES["set-up"]]
+    # In double back-ticks, as a program says it: some of it is in single ones.
+    lines += [f"| {case} | `` {said} `` |" for case, said in TABLES["set-up"]]
     Path(path).write_text("\n".join(lines) + "\n")
