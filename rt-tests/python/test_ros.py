@@ -101,11 +101,9 @@ def test_a_command_moves_the_joint_that_it_names_and_no_other(bridge):
     header = publisher.session_mgr.store.types["std_msgs/msg/Header"]
     stamp = publisher.session_mgr.store.types["builtin_interfaces/msg/Time"]
 
-    def send(name, position):
-        publisher.publish(
-            header=header(stamp=stamp(sec=0, nanosec=0), frame_id=""), name=[name],
-            position=np.array([position]), velocity=np.array([]), effort=np.array([]),
-        )  # fmt: skip
+    def send(name, value, quantity="position"):
+        values = {key: np.array([value] if key == quantity else []) for key in ("position", "velocity", "effort")}
+        publisher.publish(header=header(stamp=stamp(sec=0, nanosec=0), frame_id=""), name=[name], **values)
 
     until = time.monotonic() + 30.0
     send(names[0], target)
@@ -115,6 +113,17 @@ def test_a_command_moves_the_joint_that_it_names_and_no_other(bridge):
         time.sleep(0.02)
     after = [joint.q for joint in client.next_record(5.0).cycle.measured.joints[: len(names)]]
     assert all(abs(a - b) < 5e-3 for a, b in zip(after[1:], before[1:]))
+    # Velocities count for 0.2 s: then the robot holds, and the joint has gone on by about that time's way.
+    for _ in range(25):
+        send(names[0], -0.1, "velocity")
+        time.sleep(0.02)
+    time.sleep(1.5)
+    rest = [client.latest() or client.next_record(5.0), client.next_record(5.0)][-1].cycle
+    way = target - rest.measured.joints[0].q
+    assert rest.state == torqued.RobotState.HOLDING and 0.01 < way < 0.12, (rest.state, way)
+    target -= way
+    send(names[0], 1.0, "effort")
+    topics.wait_for("efforts without joint")
     # Arrived, it gives the lease back and holds; what cannot be meant is said, and moves nothing.
     send("no_such_joint", 1.0)
     topics.wait_for("no joint no_such_joint")

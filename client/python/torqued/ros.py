@@ -14,8 +14,8 @@ Topics, of the ROS domain `--domain`:
 - `diagnostics` (diagnostic_msgs/DiagnosticArray): state, fault, events, once a second.
 - `robot_description` (std_msgs/String), kept for who comes later: the URDF of `--urdf`.
 - `ROBOT/joint_command` (sensor_msgs/JointState), taken with `--control`: positions (mode position), else velocities
-  (mode velocity), else efforts (mode torque), of the joints that it names. Others keep theirs. Without a command for
-  `COMMAND_TIMEOUT_S` the robot holds, but for positions, which it goes on to.
+  (mode velocity) of the joints that it names, the others being held, else efforts (mode torque) of all joints. 0.2 s
+  after the last velocities or efforts the robot holds; positions it goes on to.
 
 A message's stamp is the time of its samples, to a millisecond: SYNC of the cycle, less a filter's delay. Ends with the daemon (exit code
 1), at SIGINT or SIGTERM (0). Needs PyPI's eclipse-zenoh and rosbags (`pip install torqued[ros]`).
@@ -254,6 +254,10 @@ class Commands(Endpoint):
         mode, values = next(((mode, values) for mode, values in kinds if len(values)), (None, ()))
         if mode is None or len(values) != len(command.name) or not all(map(math.isfinite, values)):
             raise ValueError("joint_command: allowed: a finite position, velocity or effort for each name")
+        # In mode torque nothing holds a joint that nobody named.
+        missing = set(self._names) - set(command.name)
+        if mode == Mode.TORQUE and missing:
+            raise ValueError(f"joint_command: efforts without joint {', '.join(sorted(missing))}; allowed: all joints")
         return mode, dict(zip(command.name, values))
 
     def _run(self):
@@ -275,12 +279,18 @@ class Commands(Endpoint):
         """Follows commands until none has come for a while; then the lease is given back, and the robot holds."""
         reference = commander.reference
         hold = [joint.q_d for joint in reference.joints]
-        current = None
+        current, sent, sent_at = None, None, 0.0
         while not self._ended.is_set():
             came, command = self._newest
             mode, values = self._asked(command)
-            arrived = mode == Mode.POSITION and commander.status.commander.motion_left_s <= 0.0
-            if time.monotonic() - came > COMMAND_TIMEOUT_S and (mode != Mode.POSITION or arrived):
+            if mode == Mode.POSITION:
+                # The lease may have taken longer than a command's time: positions count until they were sent.
+                shown = command is sent and time.monotonic() - sent_at > COMMAND_TIMEOUT_S
+                over = shown and commander.status.commander.motion_left_s <= 0.0
+            else:
+                over = time.monotonic() - came > COMMAND_TIMEOUT_S
+            if over:
+                self._new.clear()
                 return
             for name, joint, q in zip(self._names, reference.joints, hold):
                 if mode == Mode.POSITION:
@@ -288,15 +298,12 @@ class Commands(Endpoint):
                 elif mode == Mode.VELOCITY:
                     joint.dq_d = values.get(name, 0.0)
                 else:
-                    joint.tau_d = values.get(name, joint.tau_d if current == mode else self._torque(name))
+                    joint.tau_d = values[name]
             reference.mode = current = mode
             commander.send()
+            if command is not sent:
+                sent, sent_at = command, time.monotonic()
             time.sleep(SEND_S)
-
-    def _torque(self, name):
-        """The joint's torque now: a torque of nothing would let a joint fall that nobody named."""
-        record = self._client.latest() or self._client.next_record()
-        return record.cycle.estimated.joints[self._names.index(name)].tau_hat.tau
 
 
 def session(arguments):
