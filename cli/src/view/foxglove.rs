@@ -183,11 +183,11 @@ fn converse(stream: TcpStream, clients: &Clients, words: &[Value]) {
     let Ok(mut socket) = tungstenite::accept_hdr_with_config(own, answer, Some(config())) else {
         return;
     };
-    let told = words.iter().try_for_each(|words| {
+    let greeted = words.iter().try_for_each(|words| {
         let text = Message::text(words.to_string());
         socket.send(text)
     });
-    if told.is_err() || stream.set_nonblocking(true).is_err() {
+    if greeted.is_err() || stream.set_nonblocking(true).is_err() {
         return;
     }
     let (sender, moments) = sync_channel(WAITING);

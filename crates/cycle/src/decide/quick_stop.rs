@@ -8,12 +8,18 @@
 use robot_config::Robot;
 use supervisor::{Drive, DriveGoal, JointCondition};
 
+/// Time in which a drive enters its quick stop, s: two cycles there and back at 250 Hz, and its step. One that stays
+/// enabled for longer does not know the word, and is switched off.
+const ENTERS_S: f64 = 0.02;
+
 /// The quick stops of all joints.
 #[derive(Debug)]
 pub(super) struct QuickStops {
     joints: Vec<QuickStop>,
     /// Longest time of one, cycles.
     limit: u32,
+    /// Longest time until the drive is in it, cycles.
+    enters: u32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -26,13 +32,15 @@ struct QuickStop {
 impl QuickStops {
     pub(super) fn new(robot: &Robot) -> Self {
         let p = &robot.parameters;
+        let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
         let joints = p.joints.iter().map(|joint| QuickStop {
             takes_position: joint.takes_position(),
             left: 0,
         });
         Self {
             joints: joints.collect(),
-            limit: (p.safety.time_limit / p.timing.sample_period).ceil() as u32,
+            limit: cycles(p.safety.time_limit),
+            enters: cycles(ENTERS_S),
         }
     }
 
@@ -45,12 +53,13 @@ impl QuickStops {
         drive: &Drive,
         condition: &JointCondition,
     ) -> bool {
-        let limit = self.limit;
+        let (limit, enters) = (self.limit, self.enters);
         let Some(joint) = self.joints.get_mut(joint) else {
             return false;
         };
         let sound = condition.usable && !condition.distrusted && !condition.slipped;
-        let needed = may && sound && joint.takes_position && !condition.at_rest;
+        let ignored = drive.is_enabled() && joint.left > 0 && joint.left + enters < limit;
+        let needed = may && sound && joint.takes_position && !condition.at_rest && !ignored;
         let begins = drive.goal() == DriveGoal::Enabled && drive.can_stop();
         joint.left = match joint.left {
             _ if !needed => 0,
