@@ -69,3 +69,44 @@ impl QuickStops {
         joint.left > 0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervisor::DriveProfile;
+
+    #[test]
+    fn a_drive_that_ignores_its_quick_stop_is_switched_off() {
+        let mut stops = QuickStops {
+            joints: vec![QuickStop {
+                takes_position: true,
+                left: 0,
+            }],
+            limit: 2000,
+            enters: 20,
+        };
+        let moving = JointCondition {
+            usable: true,
+            ..JointCondition::default()
+        };
+        // Cycles for which it is to stop by itself, where its status words are these.
+        let mut stopping = |words: &dyn Fn(u32) -> u32| {
+            let mut drive = Drive::new(Some(DriveProfile::cia402(500)));
+            drive.pursue(DriveGoal::Enabled);
+            drive.update(Some(0x27));
+            let cycle = |k: &u32| {
+                let stops = stops.update(0, true, &drive, &moving);
+                drive.pursue(if stops {
+                    DriveGoal::Stopped
+                } else {
+                    DriveGoal::Off
+                });
+                drive.update(Some(words(*k)));
+                stops
+            };
+            (0..5000).take_while(cycle).count()
+        };
+        assert_eq!(stopping(&|_| 0x27), 22, "deaf");
+        assert_eq!(stopping(&|k| if k < 3 { 0x27 } else { 0x07 }), 2000);
+    }
+}
