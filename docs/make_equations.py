@@ -72,16 +72,17 @@ def page():
         "# Equations",
         "",
         "Which code implements which equation. Written by `docs/make_equations.py` from the marks in the code",
-        "(`//= Z20: ...`); `.ci/run` compares. Where a line departs from print, the reason stands beside it.",
+        "(`//= Z20: ...`), which have the equations themselves; `.ci/run` compares. Where a line departs from print, the",
+        "reason stands beside it.",
     ]
     for tag, source in SOURCES.items():
         if not rows[tag]:
             continue
-        text += ["", f"## {tag}", "", source, "", "| equation | | implemented in |", "| --- | --- | --- |"]
-        for (_, number, equation), places in groupby(sorted(rows[tag]), key=lambda row: row[:3]):
-            shown = equation.replace("|", "\\|")
-            links = ", ".join(f"[{file}:{line}](../{file}#L{line})" for *_, file, line in places)
-            text.append(f"| {number} | `{shown}` | {links} |")
+        text += ["", f"## {tag}", "", source, "", "| equation | implemented in |", "| --- | --- |"]
+        for (_, number), places in groupby(sorted(rows[tag]), key=lambda row: row[:2]):
+            places = dict.fromkeys((file, line) for *_, file, line in places)
+            links = ", ".join(f"[{file.removeprefix('crates/')}:{line}](../{file}#L{line})" for file, line in places)
+            text.append(f"| {number} | {links} |")
     return "\n".join(text) + "\n"
 
 

@@ -41,40 +41,11 @@ ARM = ("shoulder", "elbow", "wrist", "head")
 AIM = {"leg and trunk": 2.0, "arm and head": 4.0}
 
 
-LIMITS = """What limits the joints that miss:
-
-- The link-side encoders: one count is 0.05 N·m of a wrist, 0.16 of an ankle roll, 0.32 of an ankle pitch, 0.73 N·m of a
-  knee or hip roll (`torquectl check`). Where the motion's largest torque is a few newton metres, 2 % are a tenth of a
-  count: ankle pitch, head, wrists, and every joint of the hanging leg but hip pitch.
-- The gear's past: every gear begins with a hysteresis that the torsion does not show (`[start] gear_past`), up to 1.7 N·m
-  of hip roll and knee, 0.8 N·m of hip, ankle and chest pitch. In the loop it follows the torque from F/T sensors and
-  rigid-body model in half a second or more. Without that, 18 instead of 24 of the humanoid's 30 joints (seed 2) are
-  within the aim of RMS, and the leg's knee is off by 13.9 % instead of 3.9 % (seed 1).
-- Sigma counts the parameters' errors once. The humanoid, seeds 2 and 3: 23 and 24 joints within the aim of RMS, 27 and 28
-  within that of sigma. Where sigma is too large still, it is by the masses: 1 % of the torque stated (true: up to 1 %).
-- The leg hangs: gravity loads its joints with 1 to 5 % of what they may carry (hip pitch 27 %). 2 % of the largest torque
-  are 0.03 of an encoder count for hip yaw, ankle pitch and ankle roll, 0.15 for hip roll and knee, and 0.65 for hip
-  pitch, the one within the aim. A third of a count would be 26, 22 and 21 % of that torque (yaw, ankle pitch, ankle
-  roll), 4.4 and 4.5 % (hip roll, knee) and 1.0 % (hip pitch): about what was found. The torsion's filter averages the
-  encoders' noise of half a count.
-- The leg's error in parts (seeds 1 and 2, beside F/T sensor and model without their delay). A constant: -0.27 and -0.17
-  N·m of ankle pitch, -0.12 and 0.09 of hip yaw, 0.05 and -0.07 of ankle roll, 0.05 and less of the others. What varies,
-  mostly within half a second: 0.04 N·m of hip yaw, 0.11 and 0.12 of hip roll, 0.15 of hip pitch, 0.16 and 0.14 of the
-  knee. Of the ankles: 0.06 and 0.07 (pitch), 0.02 (roll). All are a tenth to a half of a count (a count of the motor's
-  encoder is 1.3 of the link's). The constant is the gear's past: in ankle pitch only a swing of some 9 N·m makes it
-  forget, and gravity gives half a newton metre. Gears without a past (the shipped calibration, seeds 1 and 4) leave 17 % of hip yaw,
-  3 % of hip roll and knee, 8 and 9 % of the ankles. A loop that followed constants too would bring none of the five
-  within the aim, and none of the humanoid's that miss it (seed 2); what it followed could be somebody's hand.
-- The torque from F/T sensor and model itself, in the loop, is off by 15.5 % of hip yaw's largest torque, 2.2 of hip
-  roll's and 3.9 of ankle roll's (0.9, 1.1 and 1.5 of hip pitch, knee, ankle pitch). 2 % of a torque of 0.2 N·m is below
-  everything that the leg measures.
-- Joints with a vertical axis (yaw) carry little: the head 0.19 N·m while it is calibrated (seed 1), 0.47 N·m where it is
-  judged. The chest carries no more than 1.8 N·m one way, and is judged by 4.1.
-- The reference's own noise counts as an offset that lasts, besides being in the residuals: hip yaw, chest.
-"""
+LISTED = 6
 MISSED = """## Joints that miss an aim
 
-All joints are in [calibration.csv](calibration.csv). Fused: the error of `tau_hat`, to which no aim applies."""
+The {} of {} with the greatest error after; [all joints](calibration.csv). Fused: the error of `tau_hat`, to which no aim
+applies."""
 
 
 def run(arguments, folder, codes=(0,)):
@@ -167,9 +138,11 @@ def rows(robot, results):
 
 
 def misses(lines):
-    """The joints that miss an aim, as a table."""
-    table = [COLUMNS, ["---"] * len(COLUMNS)] + [row for met, row in lines if not all(met)]
-    return [f"| {' | '.join(row)} |" for row in table]
+    """The joints that miss an aim by most, as a table with its heading."""
+    missed = [row for met, row in lines if not all(met)]
+    worst = sorted(missed, key=lambda row: -float(row[COLUMNS.index("after, %")].split()[-1]))[:LISTED]
+    table = [COLUMNS, ["---"] * len(COLUMNS), *worst]
+    return [MISSED.format(len(worst), len(missed)), "", *(f"| {' | '.join(row)} |" for row in table)]
 
 
 def as_csv(lines):
@@ -184,14 +157,15 @@ def as_csv(lines):
 def page(results, command):
     out = [
         "# Calibration from recordings\n",
-        f"Written by `{command}`; what the commands do: [bring-up.md](../bring-up.md). `torquectl calibrate "
-        "joints` reads recordings of the daemon's own loop alone, in the motions of `config/ROBOT/calibration`: no torque "
-        "sensor, no truth, not the kinematic error of `robot.toml`. The reference torque comes from F/T sensors, IMU and a "
-        "model whose masses are 1 % off. Every disturbance of `sim.toml` is on, and every gear has a drawn past.\n",
+        f"Written by `{command}`; [what the commands do](../bring-up.md); [what limits the joints that miss an "
+        "aim](../calibration.md#what-limits-it). `torquectl calibrate joints` reads recordings of the daemon's own loop "
+        "alone, in the motions of `config/ROBOT/calibration`: no torque sensor, no truth, not the kinematic error of "
+        "`robot.toml`. References come from F/T sensors, IMU and a model whose masses are 1 % off. Every disturbance of "
+        "`sim.toml` is on, and every gear has a drawn past.\n",
         f"Judged on the demo's motion ({JUDGED_S} s) against the true torque: RMS error of the torque from encoders and "
-        "current in % of the joint's largest torque, and RMS of error over the published sigma. Each seed draws a robot "
-        "with other torque constants, masses, offsets and noise; 1 was looked at while the method was made, 2 of the "
-        "humanoid for sigma, 3 was not. Aims: 2 % for legs and trunk, 4 % for arms and head; sigma within 0.6 to 1.6.\n",
+        "current in % of the joint's largest torque, and RMS of error over sigma. Each seed draws other torque constants, "
+        "masses, offsets and noise; 1 was looked at while the method was made, 2 of the humanoid for sigma, 3 was not. "
+        "Aims: 2 % for legs and trunk, 4 % for arms and head; sigma within 0.6 to 1.6.\n",
     ]
     summary = ["| robot, seeds | joints | within the aim of RMS | sigma within 0.6 to 1.6 | median before, % | median after, % "
                "| calibration took, s (of a busy machine) |", "| --- | --- | --- | --- | --- | --- | --- |"]
@@ -207,7 +181,7 @@ def page(results, command):
             f"| {middle(median('before')):.2f} | {middle(median('after')):.2f} "
             f"| {max(r['took_s'] for r in of_robot.values()):.0f} |"
         )
-    text = "\n".join(out + summary + ["", LIMITS, MISSED, ""] + misses(lines)) + "\n"
+    text = "\n".join(out + summary + [""] + misses(lines)) + "\n"
     return text, as_csv(lines)
 
 

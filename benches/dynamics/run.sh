@@ -1,10 +1,13 @@
 #!/bin/bash
-# Times our RNEA, CRBA and ABA beside Pinocchio's C++ and its generated C, on this machine.
+# Times our RNEA, CRBA and ABA beside Pinocchio's C++ and its generated C, on this machine, and writes
+# docs/results/dynamics.md.
 #
 #   benches/dynamics/run.sh [FOLDER]
 #
 # Installs what it needs (Debian packages as root or by sudo, Python packages in FOLDER) and builds
-# everything in FOLDER (target/dynamics-bench): ten minutes the first time.
+# everything in FOLDER (target/dynamics-bench): ten minutes the first time. models.py and pinocchio_model.hpp make robots
+# of URDFs as text, library.cpp has Pinocchio behind a C interface, generate.cpp and complete_cppad.py make code by
+# CppADCodeGen, whose headers lack two members.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
@@ -81,8 +84,17 @@ done
 
 step "ours, as the workspace's release profile builds it"
 cargo build --release --locked --manifest-path "$root/Cargo.toml" -p dynamics-bench --target-dir "$folder/cargo"
-grep -m1 '^model name' /proc/cpuinfo | cut -d: -f2- | sed 's/^ *//'
-clang --version | head -1
-clang-19 --version | head -1
-rustc --version
-"$folder/cargo/release/dynamics-bench" "$folder" "${robots[@]}"
+{
+    cat "$here/src/page.md"
+    echo
+    echo "$(grep -m1 '^model name' /proc/cpuinfo | cut -d: -f2- | sed 's/^ *//'), $(clang --version | head -1)," \
+        "$(clang-19 --version | head -1), $(rustc --version | cut -d' ' -f1,2), $(date '+%-d %B %Y'): medians, ns."
+    echo
+    echo '<!-- rows: dynamics.csv, 5 greatest of ours / library -->'
+    echo
+    echo '| robot | nv | algorithm | ours | library | generated | ours / library | ours / generated |'
+    echo '| --- | --- | --- | --- | --- | --- | --- | --- |'
+    "$folder/cargo/release/dynamics-bench" "$folder" "${robots[@]}"
+} >"$folder/page.md"
+cargo run -q --release --locked --manifest-path "$root/Cargo.toml" -p test-support --example results_page \
+    --target-dir "$folder/cargo" "$root/docs/results/dynamics.md" <"$folder/page.md"

@@ -7,6 +7,7 @@ use safety_bench::Drives;
 use std::fmt::Write as _;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use test_support::ResultsPage;
 
 const SEEDS: [u64; 3] = [1, 2, 3];
 /// Share of the rated torque that is to be flagged.
@@ -78,8 +79,7 @@ pub(crate) fn work(arguments: &Arguments) -> Result<(), String> {
         print!("{page}");
         return Ok(());
     }
-    std::fs::write(&arguments.out, page)
-        .map_err(|e| format!("{}: {e}", arguments.out.display()))?;
+    ResultsPage::new(&page)?.write(&arguments.out)?;
     println!("{}", arguments.out.display());
     Ok(())
 }
@@ -213,7 +213,7 @@ fn step_tables(robots: &[Robot], arguments: &Arguments, threads: usize) -> Resul
         );
     }
     if !missed.is_empty() {
-        text += "\nLater than 10 ms:\n\n| robot, drives | state | seed | joint | flagged after, ms |\n| --- | --- | --- | --- | --- |\n";
+        text += "\nLater than 10 ms:\n\n<!-- rows: contact-late.csv -->\n\n| robot, drives | state | seed | joint | flagged after, ms |\n| --- | --- | --- | --- | --- |\n";
         text += &missed.concat();
     }
     Ok(text)
@@ -361,14 +361,18 @@ fn collision_table(
 const HEAD: &str = "\
 # Contact detection: results
 
-Written by `cargo run --release -p contact-bench`; how it works: [contact.md](../contact.md), keys: [configuration.md](../configuration.md#external_torque). The simulated robots have every disturbance of `sim.toml` on; seeds draw other masses, sensors and noise. All thresholds are the defaults: no robot has one of its own.
+Written by `cargo run --release -p contact-bench`; how it works: [contact.md](../contact.md). Every disturbance of
+`sim.toml` is on; seeds draw other masses, sensors and noise. All [thresholds](../configuration.md#external_torque) are
+the defaults.
 ";
 
 const STEPS: &str = "
 ## Steps of 20 % of rated torque
 
-An external torque of 20 % of the gear's rated torque (10 % of the joint's limit) is put at once between the links of
-one joint after the other. Times count to the cycle whose record has the flag. `own`: the flag of that joint itself.
+20 % of the gear's rated torque (10 % of the joint's limit), put at once between the links of one joint after the
+other. Times count to the record with the flag. `own`: the flag of that joint itself.
+
+<!-- rows: contact-steps.csv, 4 greatest of worst, ms -->
 
 | robot, drives | state | flagged within 10 ms | own | median, ms | worst, ms |
 | --- | --- | --- | --- | --- | --- |
@@ -377,7 +381,10 @@ one joint after the other. Times count to the cycle whose record has the flag. `
 const QUIET: &str = "
 ## Without contact
 
-Motion without any contact but the declared ones. `worst ratio`: greatest external torque over its lower threshold; 1 would set a flag. The next columns: greatest `tau_ext_change` and `tau_ext`, % of rated torque.
+Motion with the declared contacts alone. `worst ratio`: greatest external torque over its lower threshold; 1 would set
+a flag. `change`, `lasting`: greatest `tau_ext_change` and `tau_ext`, % of rated torque.
+
+<!-- rows: contact-quiet.csv, 5 greatest of worst ratio (joint, time) -->
 
 | model | robot, drives | state | s | flags | events 209 | worst ratio (joint, time) | change | lasting | fault |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -390,6 +397,8 @@ The leg's thigh, or the upper arm of the humanoid in its harness, comes down on 
 inverse dynamics; the client goes on pressing. Times from the first touch, the greatest of all seeds; forces least to
 greatest.
 
+<!-- rows: contact-collisions.csv, first 4 -->
+
 | robot, drives | reaction | m/s | flag, ms | event 209, ms | peak, N | at, ms | after 1 s, N | depth, mm | state, fault |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
 ";
@@ -397,12 +406,10 @@ greatest.
 const NOTES: &str = "
 ## Weak spots
 
-- Chest pitch of the humanoid has an unknown wrench on the link beyond it, so its torque follows from the feet upwards.
-  The noise of all legs' accelerations at levers of a metre enters: up to 30 % of its rated torque, and a threshold to
-  match. A blow there is not found by `tau_ext_change`.
-- Feet that are put down change the torques of ankles and knees by half of what is rated within some milliseconds, where
-  windup, hysteresis and stiffness of a gear are wrong by a tenth of it. The thresholds rise with that change, and come
-  within a few per cent of a flag. Let 209 only warn on a robot that walks.
-- Contacts beyond an F/T sensor are declared ones, and are not found here. One that grows slowly is found by `tau_ext`
-  alone, from 8 % of the torque limit and four standard deviations on.
+- The humanoid's chest pitch has an unknown wrench on the link beyond it, so its torque follows from the feet upwards,
+  with the noise of all legs' accelerations at levers of a metre. Its threshold is as high, and `tau_ext_change` finds
+  no blow there.
+- On a robot that walks let 209 only warn: a foot that is put down brings ankles and knees within a few per cent of a
+  flag.
+- Contacts beyond an F/T sensor are declared ones, and are not looked for here.
 ";

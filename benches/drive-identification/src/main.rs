@@ -13,6 +13,7 @@ use simulate::{Recorded, Truth};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Mutex;
+use test_support::ResultsPage;
 use variant::Variant;
 
 /// Identify the drives of simulated robots, and write the page of results
@@ -86,7 +87,7 @@ fn main() -> ExitCode {
     let write = |outcomes: &[&Outcome]| match arguments.glance {
         Some(_) => Ok(()),
         // After every case: a run that is ended leaves a page of what it has seen.
-        None => std::fs::write(&path, page::page(outcomes)),
+        None => ResultsPage::new(&page::page(outcomes))?.write(&path),
     };
     match cases.and_then(|cases| run(&cases, arguments.threads, &write)) {
         Ok(outcomes) => {
@@ -157,7 +158,7 @@ fn cases() -> Result<Vec<Case>, String> {
 fn run(
     cases: &[Case],
     threads: usize,
-    write: &(dyn Fn(&[&Outcome]) -> std::io::Result<()> + Sync),
+    write: &(dyn Fn(&[&Outcome]) -> Result<(), String> + Sync),
 ) -> Result<Vec<Outcome>, String> {
     let next = Mutex::new(0);
     let done = Mutex::new(Vec::<(usize, Result<Vec<Outcome>, String>)>::new());

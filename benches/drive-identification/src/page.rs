@@ -137,35 +137,15 @@ pub(crate) fn lines(outcomes: &[Outcome]) -> String {
 const HEAD: &str = "\
 # Identification of drives: results
 
-Written by `cargo run --release -p drive-identification-bench`; method:
-[drive-identification.md](../drive-identification.md). Simulated robots with every disturbance of `sim.toml` on move
-their joints by the planned motion of 12 s through the loop; the drive is identified from the records alone. Of the leg
-two joints move at a time, of the humanoid in its harness two of each limb.
+Written by `cargo run --release -p drive-identification-bench`; [method, and what limits
+it](../drive-identification.md). Simulated robots with every disturbance of `sim.toml` on move their joints through the
+loop by the planned motion of 12 s. Of the leg two joints move at a time, of the humanoid in its harness two of each
+limb.
 
-True are the plant's k_d and d_d with the torque constant and the current sensor's gain as drawn (up to 2 and 1 % off,
-which no recording shows). The true delay is the mean time from a sample to the current of its command: transport, wait
-for the drive's loop, current loop. *Covered*: the 95 % interval holds the truth. *Determined*: the identification says
-that the recording determines the value. Else it is the configuration's, which is the truth but for the delay (1.4
-instead of 1.2 ms): such values flatter the shares within the aim.
-";
-
-const LIMITS: &str = "
-## What limits it
-
-- **Delay.** A sample shows only in which period a set-point's current rises. Where in the period follows from the
-  rotor's motion between samples, where friction, hysteresis and damping of the gear look alike for a part: hence errors
-  of a tenth of a millisecond, and intervals to match.
-- **Viscous friction** cannot be distinguished from an angle that the drive uses a tenth of a millisecond later: k_d
-  times that time is more than the friction's own coefficient. It is reported as not determined.
-- **A drive whose damping outweighs its stiffness** (hip yaw) makes its torque as the small difference of two large
-  terms: encoder counts in the velocity count most.
-- **Light joints and ones that can hardly be accelerated** (humanoid: wrists, chest pitch, which moves the hanging half
-  of the robot): encoder counts are a large part of the motion. A wrist's dead zone of four counts is missed by up to 42
-  %; what is not determined is mostly of these.
-- **A drive's loop as slow as the robot's**, with a velocity as late, is another law than K_4, K_5 without lag: the
-  identification finds a smaller damping.
-- **A loop whose model is wrong by a factor of two may not run**: where the shipped law faulted before the motion ended,
-  nothing was recorded. Then lower K_s and K_d, or correct K_tau first from the data sheet.
+True are the plant's k_d and d_d with torque constant and current gain as drawn (up to 2 and 1 % off, which no recording
+shows). The true delay is the mean time from a sample to the current of its command. *Covered*: the 95 % interval holds
+the truth. *Determined*: so says the identification. Else the value is the configuration's, which is the truth but for
+the delay (1.4 instead of 1.2 ms), and flatters the shares within the aim.
 ";
 
 /// The page.
@@ -212,13 +192,12 @@ pub(crate) fn page(outcomes: &[&Outcome]) -> String {
     text += &by_drive(outcomes);
     text += &variants(outcomes);
     text += &motors(outcomes);
-    text += LIMITS;
     text
 }
 
 /// Worst errors of each joint of the leg, and of each kind of drive of the humanoid.
 fn by_drive(outcomes: &[&Outcome]) -> String {
-    let mut text = "\n## By joint, worst of the seeds\n\nOf the humanoid left and right together.\n\n| robot | joint | k_d | d_d | dead zone | J | delay | Coulomb friction |\n| --- | --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
+    let mut text = "\n## By joint, worst of the seeds\n\nOf the humanoid left and right together.\n\n<!-- rows: drive-identification-joints.csv, 4 greatest of dead zone -->\n\n| robot | joint | k_d | d_d | dead zone | J | delay | Coulomb friction |\n| --- | --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
     let mut names: Vec<(&str, String)> = Vec::new();
     let name = |o: &Outcome| o.joint.replace("left_", "").replace("right_", "");
     let shipped = || {
@@ -255,7 +234,7 @@ fn by_drive(outcomes: &[&Outcome]) -> String {
 
 /// The leg with other drives.
 fn variants(outcomes: &[&Outcome]) -> String {
-    let mut text = "\n## Drives and transports that nothing was tuned on\n\nThe leg, seed 11, 6 joints each, two of them moving at a time; the configuration stays as shipped. Worst error, and share of the cases that are covered. *No recording*: the shipped law, whose model is then wrong, faulted before the motion ended.\n\n| | no recording | k_d | d_d | dead zone | J | delay |\n| --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
+    let mut text = "\n## Drives and transports that nothing was tuned on\n\nThe leg, seed 11, with the shipped configuration: worst error, and share of the 6 cases that are covered. *No recording*: the shipped law, whose model is then wrong, faulted before the motion ended.\n\n| | no recording | k_d | d_d | dead zone | J | delay |\n| --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
     for variant in Variant::OTHERS {
         let own = || {
             outcomes
@@ -288,7 +267,7 @@ fn variants(outcomes: &[&Outcome]) -> String {
 
 /// K_tau and K_v by D's methods.
 fn motors(outcomes: &[&Outcome]) -> String {
-    let mut text = "\n## D's motor models from the same recordings\n\nThe leg, seed 1. True K_tau is the softness of drive and gear in series, K_v = d_d / k_d; the configuration's are D's own (Table 1). *Over*: share of the rows whose command is over-estimated, which D 3.3 wants small.\n\n| joint | 1e3 K_tau true | least squares | asymmetric | two stages | 1e3 K_v true | least squares | asymmetric | two stages | over |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
+    let mut text = "\n## D's motor models from the same recordings\n\nThe leg, seed 1. True K_tau is the softness of drive and gear in series, K_v = d_d / k_d. *Over*: share of the rows whose command is over-estimated, which D 3.3 wants small.\n\n<!-- rows: drive-identification-motors.csv, first 2 -->\n\n| joint | 1e3 K_tau true | least squares | asymmetric | two stages | 1e3 K_v true | least squares | asymmetric | two stages | over |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
     let own = |o: &&Outcome| {
         o.case.robot == "leg" && o.case.seed == 1 && o.case.variant == Variant::Shipped
     };

@@ -254,33 +254,38 @@ fn report(robot: &str, nv: usize, candidates: &[Candidate]) {
     let generated = time("rnea_generated").zip(time("rnea_generated_19"));
     let generated = generated.map(|(a, b)| faster(a, b));
     let rows = [
-        ("rnea", symbol(Algorithm::Rnea), generated),
-        ("rnea_portable", symbol(Algorithm::Rnea), generated),
+        ("rnea", "RNEA", symbol(Algorithm::Rnea), generated),
+        (
+            "rnea_portable",
+            "RNEA, portable",
+            symbol(Algorithm::Rnea),
+            generated,
+        ),
         (
             "crba",
+            "CRBA",
             better(Algorithm::CrbaLocal, Algorithm::CrbaWorld),
             None,
         ),
         (
             "aba",
+            "ABA",
             better(Algorithm::AbaLocal, Algorithm::AbaWorld),
             None,
         ),
     ];
     let cell = |x: Option<f64>, digits: usize| x.map_or("-".into(), |x| format!("{x:.digits$}"));
-    for (name, library, generated) in rows {
+    for (name, shown, library, generated) in rows {
         let ours = time(name);
-        let ratio = |other: Option<[f64; 2]>, k: usize| Some(ours?[k] / other?[k]);
+        let ratio = |other: Option<[f64; 2]>| Some(ours?[0] / other?[0]);
         let median = |times: Option<[f64; 2]>| cell(times.map(|t| t[0]), 0);
         println!(
-            "{robot:<16} {nv:>3}  {name:<14} {:>7} {:>8} {:>10}  {:>6} {:>6}  {:>6} {:>6}",
+            "| {robot} | {nv} | {shown} | {} | {} | {} | {} | {} |",
             median(ours),
             median(library),
             median(generated),
-            cell(ratio(library, 0), 3),
-            cell(ratio(generated, 0), 3),
-            cell(ratio(library, 1), 3),
-            cell(ratio(generated, 1), 3)
+            cell(ratio(library), 3),
+            cell(ratio(generated), 3)
         );
     }
 }

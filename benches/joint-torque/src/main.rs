@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use test_support::ResultsPage;
 
 /// Judge every joint-torque estimator on simulated joints
 #[derive(Parser)]
@@ -154,8 +155,13 @@ fn results(out: &Path, seeds: u64) -> Result<(), String> {
         lara8: lara8()?,
     };
     let path = out.join("joint-torque.md");
-    let last = std::fs::read_to_string(&path).unwrap_or_default();
-    write(&path, &page(&results, &last))
+    ResultsPage::new(&page(&results))?.write(&path)?;
+    println!("{}", path.display());
+    for (name, lines) in ["z", "s"].iter().zip(&results.reports) {
+        let path = out.join(format!("joint-torque-{name}-fit.txt"));
+        write(&path, &(lines.join("\n") + "\n"))?;
+    }
+    Ok(())
 }
 
 fn logs(name: &str, seed: u64, out: &Path) -> Result<(), String> {

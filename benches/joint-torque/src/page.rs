@@ -70,7 +70,11 @@ fn verdict(reached: bool) -> &'static str {
 }
 
 /// Every estimator in every scenario.
-fn table(text: &mut String, outcomes: &[Outcome]) {
+fn table(text: &mut String, joint: &str, outcomes: &[Outcome]) {
+    let _ = writeln!(
+        text,
+        "<!-- rows: joint-torque-{joint}.csv, 3 least of slow -->\n"
+    );
     let mut heading = "| estimator |".to_owned();
     let mut line = "| --- |".to_owned();
     for o in outcomes {
@@ -96,42 +100,29 @@ fn table(text: &mut String, outcomes: &[Outcome]) {
     text.push_str("\n\n");
 }
 
-fn report(text: &mut String, lines: &[String]) {
-    text.push_str("Report of `fit all`:\n\n```text\n");
-    for line in lines {
-        let _ = writeln!(text, "{line}");
-    }
-    text.push_str("```\n\n");
-}
-
-/// Heading of the part that is written by hand.
-const CONCLUSIONS: &str = "## Conclusions\n";
-
-/// The whole page: figures anew, conclusions as `last`, the page so far, has them.
+/// The whole page.
 #[must_use]
-pub fn page(r: &Results, last: &str) -> String {
+pub fn page(r: &Results) -> String {
     let mut text = HEAD.to_owned();
     for o in &r.z {
         let _ = writeln!(text, "- **{}**: {}.", o.name, o.about);
     }
     text.push_str("\n## Z's and G's joint: 16 N·m, 100:1\n\n");
     text.push_str("RMS error in % of the RMS torque (RMS; largest, N·m):\n\n");
-    table(&mut text, &r.z);
+    table(&mut text, "z", &r.z);
     text.push_str("![true and estimated torque](joint-torque-z.svg)\n\n");
-    report(&mut text, &r.reports[0]);
+    text.push_str("[Report of `fit all`](joint-torque-z-fit.txt).\n\n");
     beside_g(&mut text, &r.z);
     beside_u(&mut text, &r.z);
     text.push_str("\n## S's joint: 400 N·m, 160:1\n\n");
-    table(&mut text, &r.s);
+    table(&mut text, "s", &r.s);
     text.push_str("![true and estimated torque](joint-torque-s.svg)\n\n");
-    report(&mut text, &r.reports[1]);
+    text.push_str("[Report of `fit all`](joint-torque-s-fit.txt).\n\n");
     beside_s(&mut text, &r.s);
     fused(&mut text, r);
     redrawn(&mut text, r);
     real(&mut text, &r.lara8);
     text.push_str(TAIL);
-    let conclusions = last.find(CONCLUSIONS).map_or(CONCLUSIONS, |at| &last[at..]);
-    text.push_str(conclusions);
     text
 }
 
@@ -228,13 +219,17 @@ fn redrawn(text: &mut String, r: &Results) {
          (seed), median in brackets.\n",
         seeds[0], seeds[1]
     );
-    for (title, joints) in ["Z's kind", "S's kind"].iter().zip(&r.redrawn) {
+    for ((title, file), joints) in [("Z's kind", "z"), ("S's kind", "s")]
+        .iter()
+        .zip(&r.redrawn)
+    {
         let Some((_, first)) = joints.first() else {
             continue;
         };
         let _ = writeln!(
             text,
-            "| {title} | compliance | compliance_gp | hysteresis | unscented_added | network | fused \
+            "<!-- rows: joint-torque-redrawn-{file}.csv, 2 greatest of fused / best -->\n\n\
+             | {title} | compliance | compliance_gp | hysteresis | unscented_added | network | fused \
              | fused / best |\n| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
         );
         for o in first {
@@ -320,15 +315,15 @@ fn real(text: &mut String, l: &Lara8) {
 const HEAD: &str = "\
 # Joint torque: every estimator side by side
 
-Made by `cargo run --release -p joint-torque-bench -- results`, but for the [conclusions](#conclusions), which are
-written by hand and kept. **All but the last section is simulated** (`crates/plant`, which shares no model with the
-estimators); the papers' figures come from their own hardware.
+Made by `cargo run --release -p joint-torque-bench -- results`. **All but the last section is simulated**
+(`crates/plant`, which shares no model with the estimators); the papers' figures come from their own hardware. What
+limits the figures: [decision 9](../decisions/0009-fused-torque.md#where-the-figures-end).
 
-Each joint is calibrated from two separate runs only, by `torquectl fit all`: one unloaded output turn each way, and 150
-s of loaded motion and rest beside a torque sensor with noise. Always on are hysteresis, wind-up, stiffening,
-position-dependent and load-dependent friction with stiction, friction of the output bearing, kinematic harmonics that Z
-does not have. So are gain and offset errors of the current, encoder noise and quantisation, and a skew of 0.25 ms
-between the encoders. Estimates are causal; nothing is taken off for their delay.
+`torquectl fit all` calibrates each joint from two separate runs: one unloaded output turn each way, and 150 s of loaded
+motion and rest beside a torque sensor with noise. Always on are hysteresis, wind-up, stiffening, friction that depends
+on position and load, stiction, friction of the output bearing, and kinematic harmonics that Z does not have. So are
+errors of the current's gain and offset, encoder noise and counts, and 0.25 ms of skew between the encoders. Estimates
+are causal; nothing is taken off for their delay.
 
 | name | source |
 | --- | --- |
@@ -348,5 +343,4 @@ const TAIL: &str = "\
 ## Time
 
 `cargo bench -p estimators` measures the time per estimate; `torquectl estimate` shows it for a joint's own parameters.
-
 ";

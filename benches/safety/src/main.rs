@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use test_support::ResultsPage;
 
 /// Put one fault at a time into simulated robots, and write what they then do
 #[derive(Parser)]
@@ -142,8 +143,8 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
         outcomes,
         references,
     };
-    let last = std::fs::read_to_string(&arguments.out).unwrap_or_default();
-    write(&arguments.out, &page(&results, &last))?;
+    ResultsPage::new(&page(&results))?.write(&arguments.out)?;
+    println!("{}", arguments.out.display());
     write(&arguments.out.with_extension("csv"), &csv(&results))?;
     Ok(failed)
 }

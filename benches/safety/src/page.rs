@@ -35,15 +35,11 @@ fn badness(outcome: &Outcome, bound: Bound) -> f64 {
             .max(moved.speed_share / 0.1)
 }
 
-/// The page; `kept` is the part of the last page that was written by hand.
+/// The page.
 #[must_use]
-pub fn page(results: &Results, last: &str) -> String {
+pub fn page(results: &Results) -> String {
     let mut text = HEAD.to_owned();
     summary(&mut text, results);
-    let kept = last.find(KEPT_BEGIN).zip(last.find(KEPT_END));
-    let kept = kept.and_then(|(begin, end)| last.get(begin..end + KEPT_END.len()));
-    text += kept.unwrap_or(KEPT_DEFAULT);
-    text += "\n\n";
     not_held(&mut text, results);
     nearest(&mut text, results);
     groups(&mut text, results);
@@ -108,7 +104,7 @@ fn not_held(text: &mut String, results: &Results) {
 fn without_fault(text: &mut String, results: &Results) {
     text.push_str(
         "## The same robots without a fault\n\nWhat a second at rest shows: part of every figure \
-         below.\n\n| robot | begins in | speed, rad/s (% of limit) | torque in 5 ms, % | displacement, ° |\n\
+         below.\n\n<!-- rows: safety-at-rest.csv, 3 greatest of displacement, ° -->\n\n| robot | begins in | speed, rad/s (% of limit) | torque in 5 ms, % | displacement, ° |\n\
          | --- | --- | ---: | ---: | ---: |\n",
     );
     for (variant, start, reference) in &results.references {
@@ -308,9 +304,5 @@ pub fn csv(results: &Results) -> String {
     }
     text
 }
-
-const KEPT_BEGIN: &str = "<!-- written by hand, kept -->";
-const KEPT_END: &str = "<!-- end -->";
-const KEPT_DEFAULT: &str = "<!-- written by hand, kept -->\n<!-- end -->";
 
 const HEAD: &str = include_str!("page.md");

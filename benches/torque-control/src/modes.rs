@@ -17,6 +17,7 @@ use robot_state::{Mode, Reference};
 use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::path::Path;
+use test_support::ResultsPage;
 
 /// Swing of a hand: largest velocities, rad/s, and frequencies, Hz.
 pub(crate) const HANDS: [(f64, f64); 3] = [(0.25, 0.1), (0.5, 0.1), (0.5, 0.25)];
@@ -331,7 +332,7 @@ pub(crate) fn write(out: &Path, joints_only: bool) -> Result<(), String> {
     let (tables, aims) = tables(&cases(), joints_only)?;
     let path = out.join("torque-modes.md");
     let page = format!("{HEAD}{aims}{NOTES}{tables}");
-    std::fs::write(&path, page).map_err(|e| format!("{}: {e}", path.display()))
+    ResultsPage::new(&page)?.write(&path)
 }
 
 fn tables(all: &[Case], joints_only: bool) -> Result<(String, String), String> {
@@ -450,6 +451,8 @@ that makes no torque. Then led by its link with friction fed forward, without fe
 0). Last in passive mode, damped by 0.5 % of K_d. *Less*: than a motor without torque (Z: 50 % with its estimate, 75 %
 with a torque sensor).
 
+<!-- rows: torque-modes-passive.csv, 2 least of less -->
+
 | joint | 0.1 Hz, up to 0.25 rad/s | less | 0.1 Hz, up to 0.5 rad/s | less | 0.25 Hz, up to 0.5 rad/s | less |
 | --- | --- | --- | --- | --- | --- | --- |";
 
@@ -461,6 +464,8 @@ The link carries an unknown load, 30 % of rated torque at a right angle, and swi
 of the tracking error, degrees. Z IV-B: by the drive's own loop, by K_s and K_d alone, and with the carried torque fed
 back (Z: 75 % less, 80 % with a torque sensor). G V-B: 5 % of K_s and 20 % of K_d alone, and with a feed-forward learned
 from another motion (G: 63 % less, 77 % with a torque sensor).
+
+<!-- rows: torque-modes-tracking.csv, 2 least of less -->
 
 | joint | drive alone | K_s, K_d | with torque feedback | less | low gains | with learned feed-forward | less |
 | --- | --- | --- | --- | --- | --- | --- | --- |";

@@ -4,6 +4,7 @@ use crate::cases::{cases, parallel};
 use crate::scenario::{VELOCITIES, blocked, moved};
 use crate::{rows, tables};
 use std::path::Path;
+use test_support::ResultsPage;
 
 /// Runs everything and writes the page and its picture.
 ///
@@ -37,24 +38,30 @@ pub(crate) fn write(out: &Path, joints_only: bool) -> Result<(), String> {
     picture.map_err(|e| e.to_string())?;
     let path = out.join("torque-control.md");
     let page = format!("{HEAD}{AIMS}{aims}{NOTES}{tables}");
-    std::fs::write(&path, page).map_err(|e| format!("{}: {e}", path.display()))
+    ResultsPage::new(&page)?.write(&path)
 }
 
 const HEAD: &str = "\
 # Torque control: results
 
-Written by `cargo run --release -p torque-control-bench`; theory and gains: [control.md](../control.md). The simulated joints and robots have every disturbance of `sim.toml` on: stiction with bristles, hysteresis, meshing, ripple, encoders' noise and counts, torque constants off by up to 2 %, dead zone, current limits; masses off by 1 %. One cycle of transport delay unless said. The law knows `robot.toml` only: K_tau, K_v, dead zone, data-sheet inertia, catalogue gear. D is the law of the paper (D10-D12) with K_p = 2 on the torque of F/T sensors, 40 ms late. The test joint has no F/T sensor in its configuration; here it is judged with one, like the others.
+Written by `cargo run --release -p torque-control-bench`; theory and gains: [control.md](../control.md). Every
+disturbance of `sim.toml` is on: stiction with bristles, hysteresis, meshing, ripple, encoders' noise and counts, torque
+constants off by up to 2 %, dead zone, current limits; masses off by 1 %. Transport takes one cycle unless said. The law
+knows `robot.toml` alone. D is the paper's law (D10-D12) with K_p = 2 on the torque of F/T sensors, 40 ms late. The test
+joint is judged with an F/T sensor, like the others.
 ";
 
 const AIMS: &str = "
 ## Aims
 
-Of the predictive law, over all joints. Nothing was tuned with the other seeds of the simulated joints and robots, nor with the law's parameters, its friction included, off by up to 20 % (2 draws for joints, 4 for robots).
+Of the predictive law, over all joints. Nothing was tuned with the other seeds, nor with the law's parameters, friction
+included, off by up to 20 % (2 draws for joints, 4 for robots).
 
 | | aim | measured | other seeds | parameters ±20 % |
 | --- | --- | --- | --- | --- |
 ";
 
 const NOTES: &str = "
-The reversals that come nearest to the aim are those of hip roll and knee, whose drives are stiff and damp much ([control-law.md](../control-law.md#a-hand)). Stiffness and damping of the drive are corrected by its current, so that the errors of both count only until the joint has moved for a second. Not judged here: force control against a stiff object, the passive mode, contact reactions.
+Hip roll and knee come nearest to the aim of reversals ([why](../control-law.md#a-hand)). Errors of the drive's stiffness
+and damping count only until its current has corrected them, within a second of motion.
 ";

@@ -258,6 +258,8 @@ The demo's motion, 8 s of which the first 2 s are left out; K6 0.5, K_d = 5 ms /
 leg's D is as in the paper (K_p 2, K6 1), the humanoid's as it was quiet (K_p 1, K6 0.5, half of K_v). Errors are root
 mean squares over time, means over the joints. Of several runs the worst of each figure.
 
+<!-- rows: torque-control-robots.csv, first 5 -->
+
 | robot | law | position error, degrees | torque error tau - tau_d, N·m | ripple beyond 5 Hz, N·m (worst joint) | largest change within 1 ms, % of limit | fault |
 | --- | --- | --- | --- | --- | --- | --- |";
 
@@ -265,6 +267,8 @@ const POSITION: &str = "
 ## Position control with falling stiffness
 
 The leg as in D's Tables 2 and 3: K6 from 1 to 0.1, K_d = 5 ms / K_tau; D's law with K_p 2.
+
+<!-- rows: torque-control-stiffness.csv, first 2 -->
 
 | K6 | position error, degrees: D | predictive | torque error, N·m: D | predictive | worst ripple, N·m: D | predictive |
 | --- | --- | --- | --- | --- | --- | --- |";

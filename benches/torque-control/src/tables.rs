@@ -87,7 +87,7 @@ fn shown<'a, T>(all: &'a [Case], results: &'a [T]) -> impl Iterator<Item = (&'a 
 /// Tables of blocked joints.
 pub(crate) fn blocked_tables(all: &[Case], results: &[Blocked]) -> String {
     let mut text = String::from(
-        "\n## Blocked joint\n\nBias 30 % of rated. Step of 20 % of rated, after a second at 4 Hz in which the torsion's gain is learned. `-`: the response never passes through -3 dB, as it begins below or its peak makes the number meaningless (peak above 1.6).\n\n| joint | law | -3 dB at 2 % / 20 %, Hz | peak at 2 % / 20 % | rise, ms | overshoot, % | to ±2 % of rated, ms | steady error, % of rated |",
+        "\n## Blocked joint\n\nBias 30 % of rated. Step of 20 % of rated, after a second at 4 Hz in which the torsion's gain is learned. `-`: no bandwidth, as the response begins below -3 dB or peaks above 1.6.\n\n<!-- rows: torque-control-blocked.csv, first 2 -->\n\n| joint | law | -3 dB at 2 % / 20 %, Hz | peak at 2 % / 20 % | rise, ms | overshoot, % | to ±2 % of rated, ms | steady error, % of rated |",
     );
     for frequency in SINES {
         let _ = write!(text, " {frequency} Hz, error % |");
@@ -142,7 +142,7 @@ pub(crate) fn figure(all: &[Case], results: &[Blocked]) -> Figure {
 /// Table of joints that a hand moves.
 pub(crate) fn moved_table(all: &[Case], results: &[Vec<Moved>]) -> String {
     let mut text = String::from(
-        "\n## Moved by hand\n\ntau_d = 0, the link at constant velocity, turned round within 50 ms. Mean torque against the hand (ripple), and the most at the reversal, % of rated.\n\n| joint | law |",
+        "\n## Moved by hand\n\ntau_d = 0, the link at constant velocity, turned round within 50 ms. Mean torque against the hand (ripple), and the most at the reversal, % of rated.\n\n<!-- rows: torque-control-moved.csv, first 2 -->\n\n| joint | law |",
     );
     for velocity in VELOCITIES {
         let _ = write!(text, " {velocity} rad/s | reversal |");

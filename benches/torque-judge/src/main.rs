@@ -10,6 +10,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use test_support::ResultsPage;
 use torque_judge::course::Training;
 use torque_judge::family::{Fit, Judged, judge, plan};
 use torque_judge::fit::{fit, times};
@@ -90,7 +91,7 @@ enum Command {
         /// Keep the family's and the times' part of the page as it is; the page says so
         #[arg(long, conflicts_with_all = ["joints", "threads", "minutes", "json"])]
         keep_family: bool,
-        /// The page; its conclusions, written by hand, are kept
+        /// The page; its section of design joints is kept
         #[arg(long, short)]
         out: PathBuf,
         /// Write all figures to this file
@@ -314,6 +315,12 @@ fn write(path: &Path, text: String) -> Result<(), Problem> {
     std::fs::write(path, text).map_err(|e| Problem::new(e.to_string(), "").at(name, 0))
 }
 
+/// Writes the page, and the files of its rows beside it.
+fn write_page(path: &Path, page: &str) -> Result<(), Problem> {
+    let written = ResultsPage::new(page).and_then(|page| page.write(path));
+    written.map_err(|e| Problem::new(e, "a folder that can be written"))
+}
+
 /// Joints of the judging part that are judged without an unloaded turn.
 const UNTURNED_JOINTS: u64 = 24;
 
@@ -338,7 +345,7 @@ fn renew(logs: &Path, drives: &Path, out: &Path) -> Result<(), Problem> {
         let reason = format!("{}: no family's part to keep", out.display());
         Problem::new(reason, "a page that this command has made")
     })?;
-    write(out, page)
+    write_page(out, &page)
 }
 
 /// Judges everything and writes the page.
@@ -358,10 +365,8 @@ fn write_results(
         write(path, format!("{}\n", page::to_json(&judged, &tared.real)))?;
     }
     let old = std::fs::read_to_string(out).unwrap_or_default();
-    write(
-        out,
-        results::results(&tared, &offered, &judged, times, &old),
-    )
+    let page = results::results(&tared, &offered, &judged, times, &old);
+    write_page(out, &page)
 }
 
 /// Trainings of the parts side by side: the longest one, judged within its angles and outside.
@@ -385,7 +390,7 @@ fn write_sides(seed: u64, joints: u64, threads: usize, out: &Path) -> Result<(),
         let reason = format!("{}: no section of times", out.display());
         Problem::new(reason, "a page that `results` has made")
     })?;
-    write(out, page)
+    write_page(out, &page)
 }
 
 fn failed(message: &str) -> ExitCode {

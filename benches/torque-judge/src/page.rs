@@ -28,6 +28,7 @@ fn share(values: &[f64]) -> f64 {
 pub fn family(judged: &Judged) -> String {
     let mut text = String::from(
         "RMS error of the fused torque, % of the RMS torque: median / worst joint.\n\n\
+         <!-- rows: torque-judge-family.csv, 3 greatest of sudden -->\n\n\
          | training | slow | fast | sudden | frequent | static | fused / best source | error/sigma in 0.5 to 2 | largest |\n\
          | --- | --- | --- | --- | --- | --- | --- | ---: | ---: |\n",
     );
@@ -95,7 +96,8 @@ pub fn sides(parts: &[(&str, &Judged)]) -> String {
 #[must_use]
 pub fn unturned(judged: &Judged) -> String {
     let mut text = String::from(
-        "| training | scenario | torsion, median % | current | fused | fused / best source: geometric mean | worst | \
+        "<!-- rows: torque-judge-one-sign.csv, 2 greatest of worst -->\n\n\
+         | training | scenario | torsion, median % | current | fused | fused / best source: geometric mean | worst | \
          error/sigma in 0.5 to 2 | below 0.5 | largest |\n\
          | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
     );
@@ -193,6 +195,7 @@ pub fn sources(judged: &Judged, training: &str) -> String {
     names.dedup();
     let mut text = format!(
         "After training \"{training}\": median % of every source; in brackets median and largest error/sigma.\n\n\
+         <!-- rows: torque-judge-sources.csv, 2 least of slow -->\n\n\
          | source | slow | fast | sudden | frequent | static |\n| --- | --- | --- | --- | --- | --- |\n"
     );
     for name in names {
@@ -256,6 +259,7 @@ pub fn real(cases: &[RealCase]) -> String {
     ];
     let mut text = format!(
         "RMS error, N·m, tared on the first 50 samples; `*`: informative.\n\n\
+         <!-- rows: torque-judge-arm.csv, 3 greatest of fused / best plain -->\n\n\
          | joint | logs | {} | fused / best plain |\n| --- | --- |{} ---: |\n",
         names.join(" | "),
         " ---: |".repeat(names.len())

@@ -6,34 +6,32 @@ use crate::page::{constants, family, real, sources, splits, unturned};
 use crate::real::RealCase;
 use std::collections::BTreeSet;
 
-const CONCLUSIONS: &str = "\n## Conclusions\n";
-
 const HEAD: &str = "\
 # The fused torque, judged where it was not tuned
 
-Made by `cargo run --release -p torque-judge -- results --logs FOLDER --drives FOLDER --out docs/results/torque-judge.md`, but for \
-the [conclusions](#conclusions), which are written by hand and kept when the figures are made anew. What a sigma \
-covers: [joint-file.md](../joint-file.md#what-a-sigma-covers). Error/sigma is the root mean square of the error \
-over the sigma that was published with it; 1 is ideal, 0.5 to 2 is honest.
+Made by `cargo run --release -p torque-judge -- results --logs FOLDER --drives FOLDER --out docs/results/torque-judge.md`. \
+Aims and what limits the figures: [decision 9](../decisions/0009-fused-torque.md#where-the-figures-end); what a sigma \
+covers: [joint-file.md](../joint-file.md#what-a-sigma-covers). Error/sigma is the root mean square of the error over the \
+published sigma; 1 is ideal, 0.5 to 2 is honest.
 
 ## A real arm
 
 Two logs of a NEURA LARA8 (`sweep.csv`, `jog_joints.csv` of the repository allwinlucious/MasterThesis, \
-BSD-3-Clause), no unloaded turn, encoder zeros unknown, rated torque and stiffness by the catalogue of gears of \
+BSD-3-Clause): no unloaded turn, encoder zeros unknown, rated torque and stiffness by the catalogue of gears of \
 these ratios. The reference is the flange's F/T sensor through the arm's Jacobian plus the controller's \
 feed-forward without friction; its own error is some N·m. Every method is tared on the first 50 samples, the fused \
-torque and its sources by their own tare, all others by a constant. Plain methods: raw current, regressions on \
-current and on torsion, each with speed and direction; one with torsion and feed-forward (without its friction). \
-\"Feed-forward\" is that source alone, as fitted and tared. Cases marked `*` are informative. The priors' widths were \
-chosen while looking at these logs: they are design data, not held out. Error/sigma in brackets.
+torque and its sources by their own tare, all others by a constant.
+
+Plain methods are the raw current, regressions on current and on torsion, each with speed and direction, and one with \
+torsion and feed-forward (without its friction). \"Feed-forward\" is that source alone. The priors' widths were chosen \
+while looking at these logs: they are design data, not held out. Error/sigma in brackets.
 
 ";
 
 /// Where the family's part of the page begins.
 const FAMILY: &str = "\n## A family of joints\n";
 /// Remark in its part of the page when it has been kept.
-const KEPT: &str = "\n**Older than the tables above**: this section and the next are of an earlier state of the estimators, see the \
-[conclusions](#conclusions).\n";
+const KEPT: &str = "\n**Older than the tables above**: this section and the next are of an earlier state of the estimators.\n";
 
 /// The section of design joints beside unseen ones, and the one behind it.
 const SIDES: &str = "\n## Design and unseen, side by side\n";
@@ -88,9 +86,9 @@ fn without_figures(tared: &TaredCases, offered: &[Offered]) -> String {
     format!(
         "{HEAD}{}\n\
          ### Other splits of the same logs\n\n\
-         Every half after the other, every third after each of the others (1.3 and 2.5 s), all joints, those above \
-         left out; pairs of logs on joints 4 and 6. Joints that are not informative stand under a steady torque. \
-         No width and no constant was chosen by these splits.\n\n{}\n\
+         Every half after the other, every third after each of the others (1.3 and 2.5 s), without the cases above; \
+         pairs of logs on joints 4 and 6. Joints that are not informative stand under a steady torque. Nothing was \
+         chosen by these splits.\n\n{}\n\
          ## Joints without an unloaded turn\n\n\
          {} joints of the judging part of the family of joints (below), as the real arm's logs are: 8 s of training \
          under loads of one sign, in motion or at rest, no unloaded turn, no catalogue's stiffness. Each log has an \
@@ -107,7 +105,7 @@ fn without_figures(tared: &TaredCases, offered: &[Offered]) -> String {
     )
 }
 
-/// The page's text; conclusions are those of the `old` page. `times`: processor time of `fit all` and of the
+/// The page's text, with the section of design joints of the `old` page. `times`: processor time of `fit all` and of the
 /// fused torque of a sample, s.
 #[must_use]
 pub fn results(
@@ -125,8 +123,6 @@ pub fn results(
         .map(|c| (c.number, c.training))
         .collect();
     let [all, sample] = times;
-    let conclusions = old.find(CONCLUSIONS).map_or("", |at| &old[at..]);
-    let conclusions = conclusions.trim_end();
     format!(
         "{}{FAMILY}\n\
          {} joints of {} structures (compliance, hysteresis and friction by {}), drawn at random. None was looked at \
@@ -138,7 +134,7 @@ pub fn results(
          Constants of these fits that the family's laws have in the same sense; stiffness and friction are \
          curves there.\n\n{}{}{TIME}\n\
          Processor time: `fit all` on 150,000 samples {all:.0} s; the fused torque of a sample, as the loop \
-         computes it, {:.2} us.\n{conclusions}\n",
+         computes it, {:.2} us.\n",
         without_figures(tared, offered),
         joints.len(),
         structures.len(),
@@ -166,7 +162,9 @@ fn drives(offered: &[Offered]) -> String {
         )
     };
     let lines: String = offered.iter().map(line).collect();
-    format!("| run | reference | stiffness | said |\n| --- | --- | --- | --- |\n{lines}")
+    format!(
+        "<!-- rows: torque-judge-drives.csv, first 1 -->\n\n| run | reference | stiffness | said |\n| --- | --- | --- | --- |\n{lines}"
+    )
 }
 
 /// The laws in the structures' names.

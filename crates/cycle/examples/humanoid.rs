@@ -1,5 +1,5 @@
 //! Cycles of the humanoid (30 joints, every estimator on), for their time and for their instructions:
-//! `docs/results/cycle.md`.
+//! `docs/cycle-time.md`.
 //!
 //! `humanoid [CYCLES]` prints the times of so many cycles (3000) of each mode.
 //! `valgrind --tool=callgrind --toggle-collect='cycle::cycle::Cycle::step' target/release/examples/humanoid 500`

@@ -1,5 +1,6 @@
 //! The leg with encoders on its motors alone, beside the same leg with link-side encoders:
-//! `cargo run --release -p cycle --example motor_alone > docs/results/motor-alone.md`
+//! `cargo run --release -p cycle --example motor_alone | cargo run -p test-support --example results_page
+//! docs/results/motor-alone.md`
 
 #![allow(clippy::disallowed_macros, reason = "prints a page")]
 
@@ -280,9 +281,7 @@ fn lying(case: Case, lie: Lie) -> Lied {
 /// Margins of every joint's feedback, load by load.
 fn margins(bench: &Bench) {
     println!(
-        "\n## Margins\n\nPhase, degrees, and gain, dB, of each joint's loop opened at the motor's torque, as `torquectl \
-         margins` has them, with the K_i that they have chosen. Of the torque's loop with five loads, and with K_s and \
-         K_d with three.\n\n| joint | K_i, 1/s | blocked | stuck | free | light | spring | K_s: free | light | heavy |\n\
+        "\n## Margins\n\nPhase, degrees, and gain, dB, of each joint's loop opened at the motor's torque, as `torquectl margins` has them: the torque's loop with five loads, with K_s and K_d three.\n\n<!-- rows: motor-alone-margins.csv, 2 least of spring -->\n\n| joint | K_i, 1/s | blocked | stuck | free | light | spring | K_s: free | light | heavy |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     );
     let parameters = &bench.robot.parameters;
@@ -334,10 +333,7 @@ fn main() {
     let names: Vec<&str> = joints.iter().map(|j| j.name.as_str()).collect();
     let mut faults = Vec::new();
     println!(
-        "# The leg with encoders on its motors alone\n\nPrinted by `cargo run --release -p cycle --example \
-         motor_alone`. The leg of `config/hrp2-like` hangs below a torso in a harness; `config/leg` is the same leg, \
-         bolted down, with link-side encoders. Every disturbance of `sim.toml` is on. Seeds {SEEDS:?} draw robots with \
-         other masses, sensors and gears; each figure is the **worst** of them. The robots were not tuned to them.\n"
+        "# The leg with encoders on its motors alone\n\nMade by `cargo run --release -p cycle --example motor_alone | cargo run -p test-support --example results_page docs/results/motor-alone.md`. The leg of `config/hrp2-like` hangs below a torso in a harness; `config/leg` is the same leg, bolted down, with link-side encoders. Every disturbance of `sim.toml` is on. Seeds {SEEDS:?} draw robots with other masses, sensors and gears; each figure is the **worst** of them.\n\nEvery joint swings by inverse dynamics with K6 = 0.5 (hip_pitch 0.3). Torque from F/T sensors and IMU against the truth at its own instant, and `tau_hat` against the truth now: RMS in per cent of the largest torque (normed: by its sigma). Angle: RMS error of `q`, and of the motor's angle over N, which is D's. Position: RMS and greatest error of the true angle. D: greatest error on HRP-2's stairs at K6 = 0.5 (Table 3), another motion on another robot.\n"
     );
     for frequency in [0.3, 1.4] {
         let alone = worst(PLAIN, frequency, false, &mut faults);
@@ -347,11 +343,7 @@ fn main() {
         };
         let with_links = worst(leg, frequency, false, &mut faults);
         println!(
-            "## Every joint swings at {frequency} Hz, by inverse dynamics with K6 = 0.5 (hip_pitch 0.3)\n\nTorque from F/T sensors and \
-             IMU against the truth at its own instant, and `tau_hat` against the truth now: RMS in per cent of the \
-             largest torque (normed: by its sigma). Angle: RMS error of `q`, and of the motor's angle over N, which is \
-             D's. Position: RMS and greatest error of the true angle. D: greatest error on HRP-2's stairs at K6 = 0.5 \
-             (Table 3), another motion on another robot.\n\n| joint | largest, N·m | F/T + IMU, % | with link \
+            "## Swings at {frequency} Hz\n\n<!-- rows: motor-alone-{frequency}-Hz.csv, 2 greatest of greatest, mrad -->\n\n| joint | largest, N·m | F/T + IMU, % | with link \
              encoders, % | normed | tau_hat, % | angle, mrad | theta/N, mrad | position, mrad | greatest, mrad | with \
              link encoders, mrad | D, mrad |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
         );
@@ -392,7 +384,7 @@ fn main() {
     }
     println!(
         "\n## Torque control\n\nThe foot stands on the floor, and in mode torque the knee's torque presses it down by some \
-         100 N more and less (D 5.4). True less desired torque, N·m: RMS (greatest).\n\n| joint | Coulomb friction, N·m | 0.4 Hz | \
+         100 N more and less (D 5.4). True less desired torque, N·m: RMS (greatest).\n\n<!-- rows: motor-alone-torque.csv, 3 greatest of 0.4 Hz -->\n\n| joint | Coulomb friction, N·m | 0.4 Hz | \
          without feedback | K_fs0 times 0.7 | times 1.3 | 1 Hz |\n| --- | --- | --- | --- | --- | --- | --- |"
     );
     let floor = Case {
@@ -463,7 +455,7 @@ fn main() {
         "\n## F/T sensor errs\n\nMode torque with the torques that the joints carry, after 0.35 s in it; the error \
          begins, and lasts for a second. Greatest way and speed of any joint, worst seed; 213: the event by which a \
          torque is found implausible by motor current, and not fed back any more, in how many of {} runs, and the \
-         longest time until then. What 213 does not find moves no joint that stands either: its feedback stands.\n\n\
+         longest time until then. What 213 does not find moves no joint that stands either.\n\n\
          | error | way, degrees | speed, % of the limit | 213 | after, ms | fault |\n| --- | --- | --- | --- | --- | --- |",
         SEEDS.len()
     );

@@ -1,7 +1,8 @@
 //! Prints docs/results/whole-body.md: accuracy of the whole-body estimators on the humanoid plant.
 //! Its conclusions stand in docs/whole-body.md.
 //!
-//!     cargo run --release -p whole-body --example results > docs/results/whole-body.md
+//!     cargo run --release -p whole-body --example results | cargo run -p test-support --example results_page \
+//!         docs/results/whole-body.md
 
 #![allow(clippy::disallowed_macros, reason = "prints a page")]
 
@@ -19,11 +20,8 @@ const SECONDS: f64 = 12.0;
 fn main() {
     println!("# Whole-body torques on the humanoid plant\n");
     println!(
-        "Printed by `cargo run --release -p whole-body --example results`. The humanoid of \
-         `config/humanoid` hangs in a springy harness at its chest and steps on the spot, 2.4 s a \
-         cycle. `crates/plant` simulates it with masses 1 % off, F/T bias up to 10 N and 1 N·m, \
-         cross-talk, noise and bias of every sensor, hysteresis and friction in every gear. F/T \
-         sensors are tared in the air; then come {SECONDS} s of stepping. Seeds {SEEDS:?} draw \
+        "Made by `cargo run --release -p whole-body --example results | cargo run -p test-support --example results_page docs/results/whole-body.md`. The humanoid of \
+         `config/humanoid` hangs in a springy harness at its chest and steps on the spot, 2.4 s a cycle. Masses are 1 % off, F/T bias is up to 10 N and 1 N·m; cross-talk, noise and bias of every sensor, hysteresis and friction of every gear are on. F/T sensors are tared in the air; then come {SECONDS} s of stepping. Seeds {SEEDS:?} draw \
          robots with other masses, sensors and gears; each figure is the **worst** of them.\n"
     );
     torques();
@@ -93,7 +91,8 @@ fn torques() {
         OURS.window()
     );
     println!(
-        "| joint | largest, N·m | delayed, D 80, % | matched 80, % | matched {}, % | delayed now, % | \
+        "<!-- rows: whole-body-joints.csv, 4 greatest of compensated now, % -->\n\n\
+         | joint | largest, N·m | delayed, D 80, % | matched 80, % | matched {}, % | delayed now, % | \
          encoders now, % | compensated now, % | delay, ms | noise | normed | from current, % | from \
          current, ms |",
         OURS.window()
@@ -166,6 +165,7 @@ fn tares() {
         "RMS torque error over the joints of the legs, N·m, stepping after a tare in the start's \
          pose, in another (knees and elbows bent further, wrists turned), and without.\n"
     );
+    println!("<!-- rows: whole-body-tare.csv, 1 greatest of times -->\n");
     println!("| seed | same pose | another pose | times | none |");
     println!("| --- | --- | --- | --- | --- |");
     for seed in SEEDS {
@@ -250,10 +250,11 @@ fn faults() {
         .nth(1)
         .and_then(|m| m.parse().ok())
         .unwrap_or(10);
-    println!("\nWithout a fault, in {minutes} minutes of stepping:\n");
-    for seed in SEEDS {
-        println!("- seed {seed}: {:?}", without_fault(seed, minutes));
-    }
+    let sound = SEEDS.map(|seed| format!("{:?}", without_fault(seed, minutes)));
+    println!(
+        "\nNamed without a fault, in {minutes} minutes of stepping, by seed: {}.",
+        sound.join(", ")
+    );
 }
 
 /// Causes that are named although there is no fault.
