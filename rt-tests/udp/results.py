@@ -1,5 +1,6 @@
 """Figures of the tests in this folder, as docs/results/drives.md shows them."""
 
+import csv
 import platform
 import time
 from pathlib import Path
@@ -55,9 +56,10 @@ def write(path):
         "What the daemon says; nothing has moved in any of them. Where it ends, it does so with exit code 1, and the drive is"
         " off. `cargo test -p drives` interrupts a set-up after each of its frames, and starts it anew.",
         "",
-        "| interrupted by | what is said |",
-        "| --- | --- |",
+        f"[{len(TABLES['set-up'])} interruptions](drives-set-up.csv), and what is said of each.",
     ]
-    # In double back-ticks, as a program says it: some of it is in single ones.
-    lines += [f"| {case} | `` {said} `` |" for case, said in TABLES["set-up"]]
+    with open(Path(path).with_name("drives-set-up.csv"), "w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("interrupted by", "what is said"))
+        rows.writerows(TABLES["set-up"])
     Path(path).write_text("\n".join(lines) + "\n")
