@@ -253,27 +253,22 @@ fn redrawn(text: &mut String, r: &Results) {
         text.push('\n');
     }
     let joints = &r.redrawn[0];
-    for (name, reported) in G {
-        let over = joints
-            .iter()
-            .filter(|(_, o)| percent(o, name, FUSED) > reported)
-            .count();
-        let _ = writeln!(
-            text,
-            "- {name}: fused above G's {reported} % on {over} of {} joints.",
-            joints.len()
-        );
-    }
-    for (name, _) in U {
+    let over = G.map(|(name, reported)| {
+        let over = |(_, o): &&(u64, Vec<Outcome>)| percent(o, name, FUSED) > reported;
+        format!("{} ({name})", joints.iter().filter(over).count())
+    });
+    let short = U.map(|(name, _)| {
         let short = |(_, o): &&(u64, Vec<Outcome>)| below(o, name, "unscented_added") < U_AIM;
-        let short = joints.iter().filter(short).count();
-        let _ = writeln!(
-            text,
-            "- {name}: CM-UKF with added states less than {U_AIM} % below CM on {short} of {} joints.",
-            joints.len()
-        );
-    }
-    text.push('\n');
+        format!("{} ({name})", joints.iter().filter(short).count())
+    });
+    let _ = writeln!(
+        text,
+        "Of {} joints of Z's kind the fused torque is above G's figure on {}, CM-UKF with added states less than {U_AIM} % \
+         below CM on {}.\n",
+        joints.len(),
+        over.join(", "),
+        short.join(", ")
+    );
 }
 
 type Value<'a> = &'a dyn Fn(&[Outcome]) -> f64;

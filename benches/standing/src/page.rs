@@ -7,6 +7,7 @@ use crate::stand::{BEFORE_S, Stood, TO_PUSH_S, World, humanoid, stand};
 use robot_config::Robot;
 use robot_state::Mode;
 use std::fmt::Write;
+use test_support::ResultsPage;
 
 const WORLDS: [&str; 2] = ["own", "mujoco"];
 const SIDES: [(&str, [f64; 2]); 4] = [
@@ -83,8 +84,7 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
         }
         text += &quiet(name, &all);
     }
-    let out = arguments.out.display();
-    std::fs::write(&arguments.out, text).map_err(|e| format!("{out}: {e}"))
+    ResultsPage::new(&text)?.write(&arguments.out)
 }
 
 fn verdict(stood: &Stood) -> String {
@@ -146,6 +146,8 @@ Written by `cargo run --release -p standing-bench`. The shipped humanoid in mode
 ## Pushes
 
 At the chest for 0.3 s; each push with other joints. The base's largest angular velocity; its sway within the sixth second after the push; its angle at the end from where it was.
+
+<!-- rows: standing-pushes.csv, 5 greatest of angle, degrees -->
 
 | push | world | | rad/s | sway, degrees | angle, degrees |
 | --- | --- | --- | --- | --- | --- |

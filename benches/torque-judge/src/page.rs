@@ -76,7 +76,8 @@ fn row(label: &str, judged: &Judged, training: &str) -> String {
 #[must_use]
 pub fn sides(parts: &[(&str, &Judged)]) -> String {
     let mut text = String::from(
-        "| training, joints | slow | fast | sudden | frequent | static | fused / best source | error/sigma in 0.5 to 2 | largest |\n\
+        "<!-- rows: torque-judge-sides.csv, 2 greatest of fused / best source -->\n\n\
+         | training, joints | slow | fast | sudden | frequent | static | fused / best source | error/sigma in 0.5 to 2 | largest |\n\
          | --- | --- | --- | --- | --- | --- | --- | ---: | ---: |\n",
     );
     for (_, training) in Training::ALL {

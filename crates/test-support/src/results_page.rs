@@ -46,7 +46,8 @@ impl ResultsPage {
     /// The page of a text with marked tables. A mark is a line of its own before the empty line or head of a table:
     /// `<!-- rows: NAME.csv -->` moves all rows into that file, `<!-- rows: NAME.csv, first 4 -->` keeps four of them
     /// in the page too, `<!-- rows: NAME.csv, 5 greatest of COLUMN -->` (or `least`) the five with the greatest size
-    /// of the first number in that column, and states its median. A table without a mark stays.
+    /// of the first number in that column, and states its median. Rows that begin in italics sum up the others: they stay
+    /// and are not counted. A table without a mark stays.
     ///
     /// # Errors
     /// A mark that does not lead to a table, or names no column of it.
@@ -112,13 +113,19 @@ fn choose<'a>(
     head: &str,
     rows: &[&'a str],
 ) -> Result<(String, Vec<&'a str>), String> {
+    let (sums, rows): (Vec<&str>, Vec<&str>) = rows.iter().partition(|row| row.starts_with("| *"));
     let all = rows.len();
     let (count, of, sign) = match kept {
         Kept::None => return Ok((format!("[All {all} rows]({name}).\n"), Vec::new())),
         Kept::First(count) => {
             let count = count.min(all);
-            let remark = format!("First {count} of {all} rows, [all]({name}):\n");
-            return Ok((remark, rows[..count].to_vec()));
+            let first = if count == 1 {
+                "First".to_owned()
+            } else {
+                format!("First {count}")
+            };
+            let remark = format!("{first} of {all} rows, [all]({name}):\n");
+            return Ok((remark, rows.into_iter().take(count).chain(sums).collect()));
         }
         Kept::Greatest(count, column) => (count.min(all), column, -1.0),
         Kept::Least(count, column) => (count.min(all), column, 1.0),
@@ -135,7 +142,10 @@ fn choose<'a>(
     let remark = format!("{most} \"{of}\" of {all} rows (median {median}), [all]({name}):\n");
     Ok((
         remark,
-        sorted.into_iter().take(count).map(|(_, r)| r).collect(),
+        (sorted.into_iter().take(count))
+            .map(|(_, row)| row)
+            .chain(sums)
+            .collect(),
     ))
 }
 
@@ -188,7 +198,10 @@ mod tests {
                 .text
                 .contains("| a, b | -0.5 (x) |")
         );
-        assert!(page(", first 1").text.contains("First 1 of 4 rows, [all]"));
+        assert!(page(", first 1").text.contains("First of 4 rows, [all]"));
+        let summed = "<!-- rows: r.csv, 1 least of b -->\n\n| a | b |\n| --- | --- |\n| x | 3 |\n| *y* | *1* |\n";
+        let summed = ResultsPage::new(summed).expect("a page").text;
+        assert!(summed.ends_with("of 1 rows (median 3), [all](r.csv):\n\n| a | b |\n| --- | --- |\n| x | 3 |\n| *y* | *1* |\n"));
         assert_eq!(page("").text, "# T\n\n[All 4 rows](r.csv).\n\nEnd.\n");
     }
 
