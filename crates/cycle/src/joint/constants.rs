@@ -156,7 +156,7 @@ impl Constants {
         (q, dq): (f64, f64),
     ) -> TorqueTerms {
         let torque = &follow.torque;
-        // Position feedback uses the newest sample: docs/decisions/0003.
+        // Position feedback uses the newest sample: docs/decisions, 3.
         TorqueTerms {
             feedforward: torque.feedforward,
             force: torque.force_feedback,
