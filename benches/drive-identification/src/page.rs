@@ -234,7 +234,7 @@ fn by_drive(outcomes: &[&Outcome]) -> String {
 
 /// The leg with other drives.
 fn variants(outcomes: &[&Outcome]) -> String {
-    let mut text = "\n## Drives and transports that nothing was tuned on\n\nThe leg, seed 11, with the shipped configuration: worst error, and share of the 6 cases that are covered. *No recording*: the shipped law, whose model is then wrong, faulted before the motion ended.\n\n| | no recording | k_d | d_d | dead zone | J | delay |\n| --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
+    let mut text = "\n## Drives and transports that nothing was tuned on\n\nThe leg, seed 11, with the shipped configuration: worst error, and share of the 6 cases that are covered. *No recording*: the shipped law, whose model is then wrong, faulted before the motion ended.\n\n<!-- rows: drive-identification-others.csv, 4 greatest of dead zone -->\n\n| | no recording | k_d | d_d | dead zone | J | delay |\n| --- | --- | --- | --- | --- | --- | --- |\n".to_owned();
     for variant in Variant::OTHERS {
         let own = || {
             outcomes

@@ -439,17 +439,15 @@ Over all joints. Nothing was tuned with the other seeds, nor with the law's para
 ";
 
 const NOTES: &str = "
-Missed: in passive mode quicker hands. The law lets the drive's damping go along with slow velocities only, and helps a
-hand by a share of the torque that it has to bring up; the rest is the gear's ripple.
+Missed: in passive mode quicker hands, as the drive's damping goes along with slow velocities only.
 ";
 
 const PASSIVE: &str = "
 ## Passive mode
 
-Z IV-C: a hand swings the link to and fro. Root mean square of the torque that it feels, % of rated. First with a motor
-that makes no torque. Then led by its link with friction fed forward, without feedback of the torque (D10 with tau* =
-0). Last in passive mode, damped by 0.5 % of K_d. *Less*: than a motor without torque (Z: 50 % with its estimate, 75 %
-with a torque sensor).
+Z IV-C: a hand swings the link to and fro. Root mean square of the torque that it feels, % of rated: with a motor that
+makes no torque, led by its link with friction fed forward (D10 with tau* = 0), and in passive mode, damped by 0.5 % of
+K_d. *Less*: than a motor without torque (Z: 50 % with its estimate, 75 % with a torque sensor).
 
 <!-- rows: torque-modes-passive.csv, 2 least of less -->
 
@@ -461,9 +459,9 @@ const MOTION: &str = "
 ## Motion with torque feedback, and by low gains
 
 The link carries an unknown load, 30 % of rated torque at a right angle, and swings by about a radian. Root mean square
-of the tracking error, degrees. Z IV-B: by the drive's own loop, by K_s and K_d alone, and with the carried torque fed
-back (Z: 75 % less, 80 % with a torque sensor). G V-B: 5 % of K_s and 20 % of K_d alone, and with a feed-forward learned
-from another motion (G: 63 % less, 77 % with a torque sensor).
+of the tracking error, degrees. Z IV-B: drive alone, K_s and K_d, with the carried torque fed back (Z: 75 % less, 80 %
+with a torque sensor). G V-B: 5 % of K_s and 20 % of K_d, with a feed-forward learned from another motion (G: 63 % less,
+77 % with a torque sensor).
 
 <!-- rows: torque-modes-tracking.csv, 2 least of less -->
 
@@ -471,9 +469,8 @@ from another motion (G: 63 % less, 77 % with a torque sensor).
 | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 const ROBOTS: &str = "
-In the loop, in the demo's motion, with a payload that the robot's model does not have. Root mean square of the tracking
-error, degrees, mean over the joints (worst joint). The feed-forward is learned from the first 18 s; all are judged on
-the 16 s after.
+In the loop, in the demo's motion, with a payload that the robot's model does not have: the same error, mean over the
+joints (worst joint). The feed-forward is learned from the first 18 s; all are judged on the 16 s after.
 
 | robot | inverse dynamics | torque-feedback motion | inverse dynamics by low gains | low-gain tracking |
 | --- | --- | --- | --- | --- |";

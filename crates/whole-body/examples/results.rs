@@ -235,6 +235,7 @@ fn faults() {
          seconds, for seeds {SEEDS:?}. The thresholds were chosen on seeds 1 to 3. A current's size is judged \
          under load only (12 % of the joint's limit), its sign from half of that on.\n"
     );
+    println!("<!-- rows: whole-body-faults.csv, 3 greatest of after, s -->\n");
     println!("| fault | named | after, s |\n| --- | --- | --- |");
     for (what, fault, push) in cases() {
         let found: Vec<(String, String)> = SEEDS
