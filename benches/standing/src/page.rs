@@ -138,10 +138,10 @@ fn quiet(world: &str, all: &[Stood]) -> String {
 
 const HEAD: &str = "# A humanoid that stands
 
-Written by `cargo run --release -p standing-bench`. The shipped humanoid in mode inverse dynamics, with references of which nothing but the pose is set, as `move`, `go_to` and `follow` send them. Two worlds in front of the same loop, frame by frame:
+Written by `cargo run --release -p standing-bench`. The shipped humanoid in mode inverse dynamics, with references of the pose alone. Two worlds in front of the same loop:
 
 - **own**: `crates/plant`, each kind of drive with gains ±10 %, friction and presliding times 0.5 to 2.
-- **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz. Its torque constant is ±2 % off, its current has an offset. A tenth of the kinematic error is left that no calibration has found. It shares no code with the plant.
+- **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's; it shares no code with the plant. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz, a torque constant ±2 %, an offset of its current. A tenth of the kinematic error is left.
 
 ## Pushes
 

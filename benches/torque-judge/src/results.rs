@@ -90,13 +90,10 @@ fn without_figures(tared: &TaredCases, offered: &[Offered]) -> String {
          pairs of logs on joints 4 and 6. Joints that are not informative stand under a steady torque. Nothing was \
          chosen by these splits.\n\n{}\n\
          ## Joints without an unloaded turn\n\n\
-         {} joints of the judging part of the family of joints (below), as the real arm's logs are: 8 s of training \
-         under loads of one sign, in motion or at rest, no unloaded turn, no catalogue's stiffness. Each log has an \
-         encoder zero of its own, and every judged run is tared on its first 50 samples. \"Other sign\" is a run like \
+         {} joints of the family below, as the real arm's logs are: 8 s of training under loads of one sign, in motion or at rest, no unloaded turn, no catalogue's stiffness. Each log has an encoder zero of its own, each judged run is tared on its first 50 samples. \"Other sign\" is a run like \
          the training with the other sign of the load.\n\n{}\n\
          ## Drives without a torque reference\n\n\
-         Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness \
-         must not pass as determined, also where the motor's torque is offered as the reference.\n\n{}",
+         Two runs of three axes of a KUKA KR300 (repository JonasWeigand/Robot_Identification, MIT). The stiffness must not pass as determined, with or without the motor's torque as the reference.\n\n{}",
         real(&tared.real),
         splits(&tared.splits),
         joints.len(),
@@ -125,11 +122,9 @@ pub fn results(
     let [all, sample] = times;
     format!(
         "{}{FAMILY}\n\
-         {} joints of {} structures (compliance, hysteresis and friction by {}), drawn at random. None was looked at \
-         while the estimators were made; their laws are neither those of the estimators nor of the project's plant. \
+         {} joints of {} structures (compliance, hysteresis and friction by {}), drawn at random. None was looked at before; their laws are neither those of the estimators nor of the plant. \
          {} fits, each after an unloaded turn: by turns after the training \"full\" (120 s) and after one of the \
-         others. The learned estimators are left out. Errors are those against the true torque, without any \
-         tare.\n\n{}\n{}\n\
+         others. The learned estimators are left out. Errors are against the true torque, without any tare.\n\n{}\n{}\n\
          ### Constants\n\n\
          Constants of these fits that the family's laws have in the same sense; stiffness and friction are \
          curves there.\n\n{}{}{TIME}\n\
