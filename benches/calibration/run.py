@@ -41,7 +41,7 @@ ARM = ("shoulder", "elbow", "wrist", "head")
 AIM = {"leg and trunk": 2.0, "arm and head": 4.0}
 
 
-LISTED = 6
+LISTED = 4
 MISSED = """## Joints that miss an aim
 
 The {} of {} with the greatest error after; [all joints](calibration.csv). Fused: the error of `tau_hat`, to which no aim

@@ -384,7 +384,7 @@ const QUIET: &str = "
 Motion with the declared contacts alone. `worst ratio`: greatest external torque over its lower threshold; 1 would set
 a flag. `change`, `lasting`: greatest `tau_ext_change` and `tau_ext`, % of rated torque.
 
-<!-- rows: contact-quiet.csv, 5 greatest of worst ratio (joint, time) -->
+<!-- rows: contact-quiet.csv, 3 greatest of worst ratio (joint, time) -->
 
 | model | robot, drives | state | s | flags | events 209 | worst ratio (joint, time) | change | lasting | fault |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |

@@ -276,7 +276,9 @@ The leg as in D's Tables 2 and 3: K6 from 1 to 0.1, K_d = 5 ms / K_tau; D's law 
 const CURRENTS: &str = "
 ## Current drives
 
-The predictive law around a current, on the same seven joints: of 20 designs the quickest that keeps 30 degrees and 6 dB over the five loads on every joint, or the one nearest to that. Linear, as `torquectl margins` computes it.
+The predictive law around a current, on the same seven joints: of 20 designs the quickest that keeps 30 degrees and 6 dB over the five loads on every joint, or the nearest. Linear, as `torquectl margins` has it.
+
+<!-- rows: torque-control-currents.csv, first 2 -->
 
 | loop | cycles of delay | rotor Hz, link Hz, s | least margins | -3 dB blocked / stuck, Hz | kept |
 | --- | --- | --- | --- | --- | --- |";
