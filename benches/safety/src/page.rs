@@ -1,6 +1,7 @@
 //! The page of results.
 
 use robot_state::Event;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use crate::motion::Reference;
@@ -129,12 +130,12 @@ fn without_fault(text: &mut String, results: &Results) {
 fn row_head(text: &mut String, first: &str) {
     let _ = writeln!(
         text,
-        "| {first} | begins in | joint | first event | reaction | speed, rad/s (%) | torque in 5 ms, % | displacement, ° | compared with: %; torque, %; ° | |"
+        "| {first} | begins in | joint | first event | reaction | speed, rad/s (%) | torque in 5 ms, % | displacement, ° |"
     );
     let columns = first.matches('|').count() + 1;
     let _ = writeln!(
         text,
-        "|{} --- | --- | --- | --- | ---: | ---: | ---: | ---: | --- |",
+        "|{} --- | --- | --- | --- | ---: | ---: | ---: |",
         " --- |".repeat(columns)
     );
 }
@@ -144,15 +145,34 @@ fn row_head(text: &mut String, first: &str) {
 pub fn line(variant: &Variant, outcome: &Outcome) -> String {
     let mut text = format!("{} | {} |", outcome.scenario, variant.name());
     row(&mut text, outcome);
-    text.trim_end().to_owned()
+    let verdict = match outcome.verdict {
+        Verdict::Holds => "holds",
+        Verdict::Physics => "physics",
+        Verdict::Fails => "**no**",
+    };
+    let back = match outcome.recovered {
+        Some(false) => ", not enabled again",
+        _ => "",
+    };
+    format!(
+        "{} {} | {verdict}{back} |",
+        text.trim_end(),
+        compared(outcome)
+    )
 }
 
-fn row(text: &mut String, o: &Outcome) {
-    let first = match (o.detected_ms, Event::from_number(o.event)) {
-        (Some(ms), Some(event)) => format!("{} {} after {ms} ms", o.event, event.name()),
-        _ => "none".to_owned(),
-    };
-    let reaction = match (o.reacted_ms, Event::from_number(o.fault)) {
+/// Speed share, torque step (per cent) and displacement (degrees) of the run that it is compared with.
+fn compared(outcome: &Outcome) -> String {
+    outcome.beside.map_or(String::new(), |moved| {
+        let degrees = moved.displacement.to_degrees();
+        let [speed, step] = [moved.speed_share, moved.step_share].map(|share| 100.0 * share);
+        format!("{speed:.1}; {step:.1}; {degrees:.2}")
+    })
+}
+
+/// What the loop did, and the state in the end.
+fn reaction(o: &Outcome) -> String {
+    match (o.reacted_ms, Event::from_number(o.fault)) {
         (Some(ms), Some(event)) => format!(
             "fault {} ({}) after {ms} ms; {}",
             o.fault,
@@ -161,26 +181,20 @@ fn row(text: &mut String, o: &Outcome) {
         ),
         (Some(ms), None) => format!("mode ended after {ms} ms; {}", o.state),
         _ => format!("goes on; {}", o.state),
-    };
-    let beside = o.beside.map_or(String::new(), |moved| {
-        let degrees = moved.displacement.to_degrees();
-        let [speed, step] = [moved.speed_share, moved.step_share].map(|share| 100.0 * share);
-        format!("{speed:.1}; {step:.1}; {degrees:.2}")
-    });
-    let verdict = match o.verdict {
-        Verdict::Holds => "holds",
-        Verdict::Physics => "physics",
-        Verdict::Fails => "**no**",
-    };
-    let back = match o.recovered {
-        Some(false) => ", not enabled again",
-        _ => "",
+    }
+}
+
+fn row(text: &mut String, o: &Outcome) {
+    let first = match (o.detected_ms, Event::from_number(o.event)) {
+        (Some(ms), Some(event)) => format!("{} {} after {ms} ms", o.event, event.name()),
+        _ => "none".to_owned(),
     };
     let _ = writeln!(
         text,
-        " {} | {} | {first} | {reaction} | {:.3} ({:.1}) | {:.1} | {:.3} | {beside} | {verdict}{back} |",
+        " {} | {} | {first} | {} | {:.3} ({:.1}) | {:.1} | {:.3} |",
         o.start,
         o.joint,
+        reaction(o),
         o.moved.speed,
         100.0 * o.moved.speed_share,
         100.0 * o.moved.step_share,
@@ -191,16 +205,18 @@ fn row(text: &mut String, o: &Outcome) {
 /// Runs that are listed as the nearest to their bounds.
 const LISTED: usize = 20;
 
-/// The runs that come nearest to their bounds, of those that hold.
+/// The faults that come nearest to their bounds, each by its nearest run, of those that hold.
 fn nearest(text: &mut String, results: &Results) {
     let mut held: Vec<(f64, &(Variant, Outcome))> = (results.outcomes.iter())
         .filter(|(_, o)| o.verdict == Verdict::Holds)
         .filter_map(|run| Some((badness(&run.1, scenario(&run.1)?.bound), run)))
         .collect();
     held.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    let mut seen = BTreeSet::new();
+    held.retain(|(_, (_, outcome))| seen.insert(outcome.scenario));
     let _ = writeln!(
         text,
-        "## The {LISTED} runs that come nearest to their bounds\n"
+        "## The {LISTED} faults that come nearest to their bounds\n\nOf each fault the nearest run.\n"
     );
     row_head(text, "fault | robot");
     for (_, (variant, outcome)) in held.into_iter().take(LISTED) {
@@ -267,7 +283,7 @@ fn groups(text: &mut String, results: &Results) {
 #[must_use]
 pub fn csv(results: &Results) -> String {
     let mut text = "group,fault,runs,verdict,nearest_robot,begins_in,joint,first_event,after_ms,speed_rad_per_s,\
-                    speed_percent,torque_in_5ms_percent,displacement_deg\n"
+                    speed_percent,torque_in_5ms_percent,displacement_deg,reaction,compared_with\n"
         .to_owned();
     for scenario in all() {
         for (verdict, name) in [
@@ -288,7 +304,7 @@ pub fn csv(results: &Results) -> String {
             let after = o.detected_ms.map_or(String::new(), |ms| ms.to_string());
             let _ = writeln!(
                 text,
-                "{},\"{}\",{},{name},\"{}\",{},{},{event},{after},{:.4},{:.2},{:.2},{:.4}",
+                "{},\"{}\",{},{name},\"{}\",{},{},{event},{after},{:.4},{:.2},{:.2},{:.4},{},{}",
                 scenario.group.replace(',', ";"),
                 scenario.name,
                 its().count(),
@@ -298,7 +314,9 @@ pub fn csv(results: &Results) -> String {
                 o.moved.speed,
                 100.0 * o.moved.speed_share,
                 100.0 * o.moved.step_share,
-                o.moved.displacement.to_degrees()
+                o.moved.displacement.to_degrees(),
+                reaction(o),
+                compared(o)
             );
         }
     }

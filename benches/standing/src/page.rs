@@ -39,7 +39,9 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
         Some(one) => vec![one.as_str()],
         None => WORLDS.to_vec(),
     };
-    let mut text = String::from(HEAD);
+    let mut text = HEAD
+        .replace("DRAWS", &arguments.draws.to_string())
+        .replace("SECONDS", &arguments.seconds.to_string());
     let mut seed = 0;
     for force in FORCES {
         for (side, [x, y]) in SIDES {
@@ -64,7 +66,7 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
     }
     let _ = write!(
         text,
-        "\n## Without a push\n\n{} draws of joints in each world, {} s each; sway over the last second, and the angle of \
+        "\n## Without a push\n\nIn each world {} times with other joints, {} s each; sway over the last second, and the angle of \
          the base from where it began.\n\n| world | stand | largest angular velocity, rad/s | sway, degrees: median, \
          worst | drift, degrees: median, worst | events |\n| --- | --- | --- | --- | --- | --- |\n",
         arguments.draws, arguments.seconds
@@ -138,7 +140,7 @@ fn quiet(world: &str, all: &[Stood]) -> String {
 
 const HEAD: &str = "# A humanoid that stands
 
-Written by `cargo run --release -p standing-bench`. The shipped humanoid in mode inverse dynamics, with references of the pose alone. Two worlds in front of the same loop:
+Written by `cargo run --release -p standing-bench -- --draws DRAWS --seconds SECONDS`. The shipped humanoid in mode inverse dynamics, with references of the pose alone. Two worlds in front of the same loop:
 
 - **own**: `crates/plant`, each kind of drive with gains ±10 %, friction and presliding times 0.5 to 2.
 - **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's; it shares no code with the plant. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz, a torque constant ±2 %, an offset of its current. A tenth of the kinematic error is left.
