@@ -263,7 +263,7 @@ fn redrawn(text: &mut String, r: &Results) {
     });
     let _ = writeln!(
         text,
-        "Of {} joints of Z's kind the fused torque is above G's figure on {}, CM-UKF with added states less than {U_AIM} % \
+        "Of {} joints of Z's kind the fused torque is above G's figure on {}. CM-UKF with added states is less than {U_AIM} % \
          below CM on {}.\n",
         joints.len(),
         over.join(", "),

@@ -445,9 +445,9 @@ Missed: in passive mode quicker hands, as the drive's damping goes along with sl
 const PASSIVE: &str = "
 ## Passive mode
 
-Z IV-C: a hand swings the link to and fro. Root mean square of the torque that it feels, % of rated: with a motor that
-makes no torque, led by its link with friction fed forward (D10 with tau* = 0), and in passive mode, damped by 0.5 % of
-K_d. *Less*: than a motor without torque (Z: 50 % with its estimate, 75 % with a torque sensor).
+Z IV-C: a hand swings the link to and fro. Root mean square of the torque that it feels, % of rated. First with a motor
+that makes no torque, then led by its link with friction fed forward (D10 with tau* = 0), last in passive mode, damped
+by 0.5 % of K_d. *Less*: than a motor without torque (Z: 50 % with its estimate, 75 % with a torque sensor).
 
 <!-- rows: torque-modes-passive.csv, 2 least of less -->
 
