@@ -12,7 +12,11 @@ use robot_state::{DriveState, Event, Mode, Reference, RobotState, refusal};
 
 /// The leg, in front of an operator.
 fn leg() -> Bench {
-    Bench::reading("leg", &|path| {
+    robot("leg")
+}
+
+fn robot(name: &str) -> Bench {
+    Bench::reading(name, &|path| {
         let text = read(path)?;
         Ok(text.replace("enable = \"automatic\"", "enable = \"operator\""))
     })
@@ -27,7 +31,10 @@ fn err(bench: &mut Bench, joints: &[usize], change: impl Fn(&mut DriveFaults)) {
 
 /// A robot that holds, or that follows a client in a mode where it stands.
 fn in_mode(mode: Mode) -> (Bench, Option<Reference>) {
-    let mut bench = leg();
+    bring_into(mode, leg())
+}
+
+fn bring_into(mode: Mode, mut bench: Bench) -> (Bench, Option<Reference>) {
     bench.run(300);
     bench.ask(OperatorRequest::Enable);
     bench.run(600);
@@ -39,8 +46,10 @@ fn in_mode(mode: Mode) -> (Bench, Option<Reference>) {
     bench.step(&client_input(&hold));
     let mut reference = bench.reference(mode.number(), 2);
     let estimated = bench.cycle.record().estimated;
-    for (joint, estimated) in reference.joints.iter_mut().zip(&estimated.joints) {
-        joint.tau_d = estimated.tau_hat.tau;
+    if mode == Mode::Torque {
+        for (joint, estimated) in reference.joints.iter_mut().zip(&estimated.joints) {
+            joint.tau_d = estimated.tau_hat.tau;
+        }
     }
     for _ in 0..2000 {
         reference.sequence += 1;
@@ -159,6 +168,28 @@ fn a_joint_whose_motor_encoder_drifts_in_its_own_drive_is_left_to_its_brake() {
                 assert_stopped(&bench, &motion, &what);
             }
         }
+    }
+}
+
+/// A screw is so stiff that a drive's encoder that drifts leaves what it can wind up within 10 ms: there is no torque
+/// by torsion then, and yet it is at least the greatest.
+#[test]
+fn a_lift_whose_drives_encoder_drifts_quickly_is_left_to_its_brake() {
+    for mode in [Mode::Passive, Mode::InverseDynamics] {
+        let mut bench = robot("lift-gripper");
+        // The simulated hand has pushed by then.
+        bench.run(8000);
+        let (mut bench, reference) = bring_into(mode, bench);
+        let rate = 100.0 * f64::to_radians(6.0);
+        err(&mut bench, &[0], |f| f.motor.rate = rate);
+        let motion = go_on(&mut bench, reference, 1500);
+        // Its velocity is the drive's own until that is switched off (docs/safety-limits.md).
+        let (way, share) = (motion.displacement_deg(), motion.speed_share());
+        assert!(
+            way < 1.0 && share < 0.12,
+            "{mode:?}: {way:.2} deg, {share:.3}"
+        );
+        assert_eq!(state(bench.cycle.record()), RobotState::Fault, "{mode:?}");
     }
 }
 

@@ -3,7 +3,7 @@
 use super::Bench;
 use robot_state::{CycleRecord, RobotState, command_flags};
 
-/// Greatest uncommanded displacement, rad, and share of the velocity limit.
+/// Greatest uncommanded displacement, rad, of slides what counts as such, and share of the velocity limit.
 const DISPLACEMENT: f64 = 1.0 * std::f64::consts::PI / 180.0;
 const SPEED_SHARE: f64 = 0.1;
 
@@ -26,7 +26,8 @@ impl Motion {
     pub(crate) fn take(&mut self, bench: &Bench) {
         let joints = bench.plant.truth().joints.iter().zip(&self.start);
         for ((joint, start), parameters) in joints.zip(&bench.robot.parameters.joints) {
-            self.displacement = self.displacement.max((joint.q - start).abs());
+            let way = (joint.q - start).abs() / parameters.kind.threshold(1.0);
+            self.displacement = self.displacement.max(way);
             let share = joint.dq.abs() / parameters.limits.velocity;
             self.speed_share = self.speed_share.max(share);
         }
