@@ -91,18 +91,15 @@ fn helps(joint: &JointLoop, needed: &Margins, hardest: &mut usize) -> bool {
         ..in_space
     };
     let late = needed.phase / (TAU * RINGS_AT);
-    let cases: Vec<(JointLoop, Load, f64)> = [torque, in_space]
-        .iter()
-        .flat_map(|with| HELPED.map(|load| (*with, load)))
-        .flat_map(|(with, load)| {
-            let mut later = with;
-            later.truth.delay += late;
-            [(with, load, needed.gain), (later, load, 1.0)]
-        })
-        .collect();
+    let cases = [torque, in_space].map(|with| {
+        let mut later = with;
+        later.truth.delay += late;
+        [(with, needed.gain), (later, 1.0)]
+    });
+    let cases = cases.as_flattened();
     let (before, after) = cases.split_at(*hardest);
     let mut order = after.iter().chain(before);
-    let refused = order.position(|(with, load, gain)| !comes_to_rest(with, *load, *gain));
+    let refused = order.position(|(with, gain)| !comes_to_rest(with, HELPED, *gain));
     if let Some(at) = refused {
         *hardest = (*hardest + at) % cases.len();
     }

@@ -3,6 +3,7 @@
 use super::{JointLoop, Load};
 use crate::predictive::{DriveLoop, LawParameters, LinearLaw, TauD};
 use nalgebra::DMatrix;
+use std::array::from_fn;
 
 /// Steps of the plant in a period.
 pub(super) const SUBSTEPS: usize = 40;
@@ -22,26 +23,44 @@ pub(super) struct Lifted {
     pub(super) sample_period: f64,
 }
 
-/// The simulated loop.
-struct Simulated {
-    law: LinearLaw,
+/// One joint's loop simulated in N lanes, which differ by load and state.
+struct Simulated<const N: usize> {
+    laws: [LinearLaw; N],
     truth: LawParameters,
     outer: TauD,
     torque_gain: f64,
     gear: f64,
     gear_damping: f64,
+    inverse_rotor_inertia: f64,
     /// Spring on the rotor, N·m/rad.
-    stick: f64,
+    stick: [f64; N],
     /// Link: inverse inertia, spring, damper.
-    link: [f64; 3],
+    link: [[f64; N]; 3],
     /// Steps of the drive's lag, and from a sample until its command reaches the drive.
     lag: usize,
     transport: usize,
-    /// Time constant of the drive's velocity, s.
-    velocity_filter: f64,
+    /// The command that is at the drive in each step: so many periods ago it left.
+    late: [usize; SUBSTEPS],
+    /// What the drive's filter of the velocity takes over in a step.
+    smoothing: f64,
     /// Torque that the drive makes over the one that it should.
     gain: f64,
     h: f64,
+}
+
+/// State of the loops besides their laws'.
+#[derive(Debug, Clone)]
+struct State<const N: usize> {
+    mechanical: [[f64; N]; MECHANICAL],
+    /// The integral of the drive's velocity loop.
+    integral: [f64; N],
+    /// Torque that the drive made last.
+    made: [f64; N],
+    /// Torques in the drive's lag, a ring, and the place of the oldest.
+    lag: Vec<[f64; N]>,
+    oldest: usize,
+    /// Commands on their way, the newest first.
+    sent: Vec<[f64; N]>,
 }
 
 /// theta, omega, q, dq, and omega as the drive filters it.
@@ -54,7 +73,7 @@ impl Lifted {
         // What depends on evidence is not linear.
         let mut linear = *joint;
         linear.law.design.assist = 0.0;
-        let mut simulated = Simulated::new(&linear, load);
+        let mut simulated = Simulated::new(&linear, [load]);
         let n = simulated.size();
         let unit = |i: usize, size: usize| {
             let mut x = vec![0.0; size];
@@ -64,7 +83,7 @@ impl Lifted {
             x
         };
         let (rest, nothing) = (vec![0.0; n], vec![0.0; SUBSTEPS]);
-        let open = |s: &mut Simulated, x: &[f64], u: &[f64]| s.period(x, Some(u), 0.0);
+        let open = |s: &mut Simulated<1>, x: &[f64], u: &[f64]| s.period(x, Some(u), 0.0);
         let columns = |of: &mut dyn FnMut(usize) -> (Vec<f64>, Vec<f64>), count: usize| {
             let both: Vec<_> = (0..count).map(of).collect();
             (
@@ -107,39 +126,56 @@ const COMES_TO_REST: f64 = 1.05;
 /// having it. Their sizes do not matter, as the help is homogeneous.
 const BEGINNINGS: [[f64; 4]; 2] = [[1e-3, -0.05, -5e-4, 0.1], [0.0, 0.05, 0.0, 0.0]];
 
-/// Whether the joint comes to rest in simulations in time, where the drive makes `gain` times the torque that it
-/// should. It is judged by the velocity of the torsion: in the torsion itself a slow motion hides a quick ringing that
-/// grows. The help for a hand is proportional to the state, as all else in the loop, so one size of each beginning will
-/// do.
-pub(super) fn comes_to_rest(joint: &JointLoop, load: Load, gain: f64) -> bool {
-    let mut simulated = Simulated::new(joint, load);
+/// Whether the joint comes to rest in simulations in time with each of these loads, where the drive makes `gain` times
+/// the torque that it should. It is judged by the velocity of the torsion: in the torsion itself a slow motion hides a
+/// quick ringing that grows. The help for a hand is proportional to the state, as all else in the loop, so one size of
+/// each beginning will do.
+pub(super) fn comes_to_rest(joint: &JointLoop, loads: [Load; 4], gain: f64) -> bool {
+    /// Every load with each beginning.
+    const LANES: usize = 4 * BEGINNINGS.len();
+    let beginning = |lane: usize| BEGINNINGS[lane % BEGINNINGS.len()];
+    let load = |lane: usize| loads[lane / BEGINNINGS.len()];
+    let mut simulated = Simulated::<LANES>::new(joint, from_fn(load));
     simulated.gain = gain;
+    let mut state = simulated.at_rest();
+    for (i, of_lanes) in state.mechanical.iter_mut().take(4).enumerate() {
+        *of_lanes = from_fn(|lane| beginning(lane)[i]);
+    }
     let fifth = (0.2 * SIMULATED / joint.law.sample_period) as usize;
-    BEGINNINGS.iter().all(|beginning| {
-        let mut x = vec![0.0; simulated.size()];
-        for (x, start) in x.iter_mut().zip(beginning) {
-            *x = *start;
+    let mut largest = [[0.0_f64; LANES]; 5];
+    for largest in &mut largest {
+        for _ in 0..fifth {
+            simulated.pass(&mut state, 0.0, |_, made| made);
+            let [_, omega, _, dq, _] = state.mechanical;
+            *largest = from_fn(|l| largest[l].max((omega[l] - dq[l]).abs()));
         }
-        let mut largest = [0.0_f64; 5];
-        for largest in &mut largest {
-            for _ in 0..fifth {
-                x = simulated.period(&x, None, 0.0).0;
-                *largest = largest.max((x[1] - x[3]).abs());
-            }
-        }
-        let least = largest[1..4].iter().copied().fold(f64::INFINITY, f64::min);
-        largest[4] <= COMES_TO_REST * least
+    }
+    (0..LANES).all(|lane| {
+        let of_lane = largest.map(|largest| largest[lane]);
+        let least = of_lane[1..4].iter().copied().fold(f64::INFINITY, f64::min);
+        of_lane[4] <= COMES_TO_REST * least
     })
 }
 
-impl Simulated {
-    fn new(joint: &JointLoop, load: Load) -> Self {
+impl<const N: usize> Simulated<N> {
+    fn new(joint: &JointLoop, loads: [Load; N]) -> Self {
         let h = joint.law.sample_period / SUBSTEPS as f64;
         let gear = joint.truth.gear.at(joint.torque);
         let steps = |time: f64| (time / h).round().max(0.0) as usize;
         let free = |share: f64| [1.0 / (share * joint.link_inertia), 0.0, 0.0];
+        let transport = steps(joint.truth.delay - joint.drive_lag);
+        let link = loads.map(|load| match load {
+            Load::Blocked | Load::Stuck => [0.0; 3],
+            Load::Free => free(1.0),
+            Load::Light => free(0.2),
+            Load::Heavy => free(5.0),
+            Load::Spring => [1.0 / joint.link_inertia, gear / 3.0, 1e-3 * gear / 3.0],
+        });
+        let law = LinearLaw::new(&joint.law, joint.law.gear.at(joint.torque));
+        // Differences over a period of the drive's loop, and their filter.
+        let velocity_filter = 2.0 * joint.drive_lag;
         Self {
-            law: LinearLaw::new(&joint.law, joint.law.gear.at(joint.torque)),
+            laws: from_fn(|_| law.clone()),
             truth: joint.truth,
             outer: TauD {
                 torque: 0.0,
@@ -150,21 +186,16 @@ impl Simulated {
             torque_gain: joint.torque_gain,
             gear,
             gear_damping: 2.0 * joint.gear_damping * (gear * joint.truth.rotor_inertia).sqrt(),
-            stick: match load {
+            inverse_rotor_inertia: 1.0 / joint.truth.rotor_inertia,
+            stick: loads.map(|load| match load {
                 Load::Stuck => 2.0 * gear,
                 _ => 0.0,
-            },
-            link: match load {
-                Load::Blocked | Load::Stuck => [0.0; 3],
-                Load::Free => free(1.0),
-                Load::Light => free(0.2),
-                Load::Heavy => free(5.0),
-                Load::Spring => [1.0 / joint.link_inertia, gear / 3.0, 1e-3 * gear / 3.0],
-            },
+            }),
+            link: [0, 1, 2].map(|i| link.map(|of_lane| of_lane[i])),
             lag: steps(joint.drive_lag),
-            transport: steps(joint.truth.delay - joint.drive_lag),
-            // Differences over a period of the drive's loop, and their filter.
-            velocity_filter: 2.0 * joint.drive_lag,
+            transport,
+            late: from_fn(|step| transport.saturating_sub(step).div_ceil(SUBSTEPS)),
+            smoothing: h / (h + velocity_filter),
             gain: 1.0,
             h,
         }
@@ -175,9 +206,108 @@ impl Simulated {
         self.transport.div_ceil(SUBSTEPS) + 1
     }
 
+    /// The loops and their laws at rest.
+    fn at_rest(&mut self) -> State<N> {
+        self.laws.iter_mut().for_each(|law| law.set_state(&[]));
+        State {
+            mechanical: [[0.0; N]; MECHANICAL],
+            integral: [0.0; N],
+            made: [0.0; N],
+            lag: vec![[0.0; N]; self.lag],
+            oldest: 0,
+            sent: vec![[0.0; N]; self.commands()],
+        }
+    }
+
+    /// Lets a period pass. `drives`: the torque that drives the rotor in a step, by the one that the drive makes.
+    fn pass(
+        &mut self,
+        state: &mut State<N>,
+        tau_d: f64,
+        drives: impl FnMut(usize, [f64; N]) -> [f64; N],
+    ) {
+        for lane in 0..N {
+            if self.link[0][lane] == 0.0 {
+                // Blocked.
+                (state.mechanical[2][lane], state.mechanical[3][lane]) = (0.0, 0.0);
+            }
+        }
+        let desired = TauD {
+            torque: tau_d,
+            ..self.outer
+        };
+        state.sent.rotate_right(1);
+        let [theta, _, q, _, _] = state.mechanical;
+        for (lane, law) in self.laws.iter_mut().enumerate() {
+            let (theta, q) = (theta[lane], q[lane]);
+            let measured = self.torque_gain * self.gear * (theta - q);
+            state.sent[0][lane] = law.step((theta, q), [measured, state.made[lane]], desired);
+        }
+        // The drive's kind is decided outside of the steps.
+        match self.truth.drive {
+            DriveLoop::Position {
+                stiffness, damping, ..
+            } => self.steps(state, drives, |command, theta, omega| {
+                stiffness * (command - theta) - damping * omega
+            }),
+            DriveLoop::Current {
+                torque_constant,
+                viscous,
+            } => self.steps(state, drives, |command, _, omega| {
+                torque_constant * command - viscous * omega
+            }),
+        }
+    }
+
+    /// All steps of a period. `makes`: a drive's torque by its command, theta and filtered omega.
+    fn steps(
+        &self,
+        state: &mut State<N>,
+        mut drives: impl FnMut(usize, [f64; N]) -> [f64; N],
+        makes: impl Fn(f64, f64, f64) -> f64,
+    ) {
+        let h = self.h;
+        let [mut theta, mut omega, mut q, mut dq, mut filtered] = state.mechanical;
+        let integral_gain = h * self.truth.drive_integral();
+        let [inverse_inertia, spring, damper] = self.link;
+        for (step, &late) in self.late.iter().enumerate() {
+            // The newest command that has arrived: sent[k] left k periods ago.
+            let command = state.sent[late];
+            filtered = from_fn(|l| filtered[l] + (omega[l] - filtered[l]) * self.smoothing);
+            let loop_made: [f64; N] = from_fn(|l| makes(command[l], theta[l], filtered[l]));
+            state.integral = from_fn(|l| state.integral[l] + integral_gain * loop_made[l]);
+            let drive = from_fn(|l| self.gain * (loop_made[l] + state.integral[l]));
+            // The oldest of the lag leaves as the newest comes.
+            state.made = match state.lag.get_mut(state.oldest) {
+                Some(oldest) => std::mem::replace(oldest, drive),
+                None => drive,
+            };
+            state.oldest += 1;
+            if state.oldest >= self.lag {
+                state.oldest = 0;
+            }
+            let motor = drives(step, state.made);
+            for l in 0..N {
+                // Semi-implicit: the gear at the step's end.
+                let torsion = theta[l] + h * omega[l] - q[l] - h * dq[l];
+                let torque = self.gear * torsion + self.gear_damping * (omega[l] - dq[l]);
+                let alpha =
+                    (motor[l] - torque - self.stick[l] * theta[l]) * self.inverse_rotor_inertia;
+                let of_link = torque - spring[l] * q[l] - damper[l] * dq[l];
+                omega[l] += h * alpha;
+                theta[l] += h * omega[l];
+                dq[l] += h * inverse_inertia[l] * of_link;
+                q[l] += h * dq[l];
+            }
+        }
+        state.mechanical = [theta, omega, q, dq, filtered];
+    }
+}
+
+impl Simulated<1> {
     /// States of the drive's integral.
     fn integral_states(&self) -> usize {
-        if self.truth.drive_integral() > 0.0 || self.law.integrates() {
+        if self.truth.drive_integral() > 0.0 || self.laws[0].integrates() {
             OF_INTEGRAL
         } else {
             0
@@ -185,82 +315,40 @@ impl Simulated {
     }
 
     fn size(&self) -> usize {
-        MECHANICAL + self.integral_states() + self.lag + self.commands() + self.law.size()
+        let law = self.laws[0].size();
+        MECHANICAL + self.integral_states() + self.lag + self.commands() + law
     }
 
     /// A period from the state `x`: the next state, and the drive's torque in each step. The rotor is
     /// driven by `driven`, or by the drive.
     fn period(&mut self, x: &[f64], driven: Option<&[f64]>, tau_d: f64) -> (Vec<f64>, Vec<f64>) {
+        let mut state = self.at_rest();
         let (mechanical, rest) = x.split_at(MECHANICAL);
         let (of_integral, rest) = rest.split_at(self.integral_states());
-        let (on_the_way, rest) = rest.split_at(self.lag);
+        let (lag, rest) = rest.split_at(self.lag);
         let (sent, law) = rest.split_at(self.commands());
-        let &[mut theta, mut omega, mut q, mut dq, mut filtered] = mechanical else {
-            return (x.to_vec(), vec![0.0; SUBSTEPS]);
+        let set = |to: &mut [[f64; 1]], from: &[f64]| {
+            to.iter_mut().zip(from).for_each(|(to, &from)| *to = [from]);
         };
-        if self.link[0] == 0.0 {
-            // Blocked.
-            (q, dq) = (0.0, 0.0);
+        set(&mut state.mechanical, mechanical);
+        set(&mut state.lag, lag);
+        set(&mut state.sent, sent);
+        if let &[integral, made] = of_integral {
+            (state.integral, state.made) = ([integral], [made]);
         }
-        let (mut lag, mut sent) = (on_the_way.to_vec(), sent.to_vec());
-        self.law.set_state(law);
-        let [mut integral, mut made_last] = match *of_integral {
-            [integral, last] => [integral, last],
-            _ => [0.0; 2],
-        };
-        let measured = self.torque_gain * self.gear * (theta - q);
-        let desired = TauD {
-            torque: tau_d,
-            ..self.outer
-        };
-        sent.rotate_right(1);
-        sent[0] = self.law.step((theta, q), [measured, made_last], desired);
-
-        let mut made = vec![0.0; SUBSTEPS];
-        let h = self.h;
-        for (step, made) in made.iter_mut().enumerate() {
-            // The newest command that has arrived: sent[k] left k periods ago.
-            let late = self.transport.saturating_sub(step).div_ceil(SUBSTEPS);
-            filtered += (omega - filtered) * h / (h + self.velocity_filter);
-            let loop_made = self.drive_torque(sent[late], theta, filtered);
-            integral += h * self.truth.drive_integral() * loop_made;
-            let drive = self.gain * (loop_made + integral);
-            // The oldest of the lag leaves as the newest comes.
-            *made = match step.checked_rem(self.lag) {
-                Some(oldest) => std::mem::replace(&mut lag[oldest], drive),
-                None => drive,
-            };
-            made_last = *made;
-            let motor = driven.map_or(*made, |driven| driven[step]);
-            let [inverse_inertia, spring, damper] = self.link;
-            // Semi-implicit: the gear at the step's end.
-            let torque =
-                self.gear * (theta + h * omega - q - h * dq) + self.gear_damping * (omega - dq);
-            let alpha = (motor - torque - self.stick * theta) / self.truth.rotor_inertia;
-            let acceleration = inverse_inertia * (torque - spring * q - damper * dq);
-            omega += h * alpha;
-            theta += h * omega;
-            dq += h * acceleration;
-            q += h * dq;
-        }
-        lag.rotate_left(SUBSTEPS.checked_rem(self.lag).unwrap_or(0));
-        let mechanical = [theta, omega, q, dq, filtered];
-        let of_integral = [integral, made_last].into_iter().take(of_integral.len());
-        let next = (mechanical.into_iter().chain(of_integral))
-            .chain(lag)
-            .chain(sent);
-        (next.chain(self.law.state()).collect(), made)
-    }
-
-    fn drive_torque(&self, command: f64, theta: f64, omega: f64) -> f64 {
-        match self.truth.drive {
-            DriveLoop::Position {
-                stiffness, damping, ..
-            } => stiffness * (command - theta) - damping * omega,
-            DriveLoop::Current {
-                torque_constant,
-                viscous,
-            } => torque_constant * command - viscous * omega,
-        }
+        self.laws[0].set_state(law);
+        let mut torques = vec![0.0; SUBSTEPS];
+        self.pass(&mut state, tau_d, |step, made| {
+            torques[step] = made[0];
+            driven.map_or(made, |driven| [driven[step]])
+        });
+        state.lag.rotate_left(state.oldest);
+        let of_integral = [state.integral, state.made];
+        let next = (state.mechanical.into_iter())
+            .chain(of_integral.into_iter().take(self.integral_states()))
+            .chain(state.lag)
+            .chain(state.sent)
+            .flatten();
+        (next.chain(self.laws[0].state()).collect(), torques)
     }
 }

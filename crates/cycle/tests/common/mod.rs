@@ -8,6 +8,8 @@ use cycle::{ClientInput, Cycle, Instants, OperatorRequest, Stamp};
 use plant::{CanRobot, SimParameters};
 use robot_config::{Robot, slots};
 use robot_state::{CycleRecord, JointReference, Mode, Reference, TrajectoryPiece};
+use std::io;
+use std::sync::Mutex;
 use test_support::Random;
 
 /// Files of the project; configurations name theirs relative to themselves.
@@ -28,6 +30,40 @@ link = \"foot\"
 corners_m = [[0.14, 0.07, -0.055], [0.14, -0.07, -0.055], [-0.1, 0.07, -0.055], [-0.1, -0.07, -0.055]]
 ";
 
+/// A robot, and the files that it was read from: path, and text of those that are there.
+type Known = (Robot, Vec<(String, Option<String>)>);
+
+/// Reads a robot; one whose files are those of a robot read before is that one, as the choice of its designs takes
+/// longer than many a test.
+fn robot(path: &str, read: &dyn Fn(&str) -> io::Result<String>) -> Robot {
+    static KNOWN: Mutex<Vec<Known>> = Mutex::new(Vec::new());
+    let is_alike = |(_, files): &&Known| {
+        let of_path = files.first().is_some_and(|(first, _)| first == path);
+        let mut files = files.iter();
+        of_path && files.all(|(path, text)| read(path).ok() == *text)
+    };
+    let known = KNOWN
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    if let Some((robot, _)) = known.iter().find(is_alike) {
+        return robot.clone();
+    }
+    drop(known);
+    let files = Mutex::new(Vec::new());
+    let remembering = |path: &str| {
+        let text = read(path);
+        let known = (path.to_owned(), text.as_ref().ok().cloned());
+        files.lock().unwrap().push(known);
+        text
+    };
+    let robot = robot_config::load(path, &remembering).unwrap();
+    let mut known = KNOWN
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    known.push((robot.clone(), files.into_inner().unwrap()));
+    robot
+}
+
 /// The cycle, the robot, and the frames between them.
 pub(crate) struct Bench {
     pub(crate) robot: Robot,
@@ -46,9 +82,9 @@ impl Bench {
     }
 
     /// A robot of the project whose files are those that `read` gives.
-    pub(crate) fn reading(name: &str, read: &dyn Fn(&str) -> std::io::Result<String>) -> Self {
+    pub(crate) fn reading(name: &str, read: &dyn Fn(&str) -> io::Result<String>) -> Self {
         let path = format!("config/{name}/robot.toml");
-        let robot = robot_config::load(&path, read).unwrap();
+        let robot = robot(&path, read);
         let sim_path = format!("config/{name}/sim.toml");
         let sim = SimParameters::parse(&read(&sim_path).unwrap(), &sim_path).unwrap();
         let urdf = read(&robot.parameters.urdf_path).unwrap();
