@@ -32,6 +32,7 @@ mod replay;
 mod report;
 mod requests;
 mod rows;
+mod stand;
 mod state;
 mod tare;
 mod timing;
@@ -63,6 +64,7 @@ Examples:
   torquectl move knee=60 --speed 20
   torquectl cartesian foot --stiffness 2000 --shift 0,0,-20
   torquectl passive knee --seconds 30
+  torquectl stand --seconds 30
   torquectl watch --once
   torquectl timing --watch
   torquectl view --config config/leg/robot.toml
@@ -96,6 +98,7 @@ enum Command {
     Can(can::CanArguments),
     Cartesian(cartesian::CartesianArguments),
     Check(check::CheckArguments),
+    Stand(stand::StandArguments),
     State(state::StateArguments),
     Enable(operator::EnableArguments),
     Disable(operator::DisableArguments),
@@ -139,6 +142,7 @@ fn main() -> ExitCode {
         Command::Can(arguments) => can::run(&arguments),
         Command::Cartesian(arguments) => cartesian::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Stand(arguments) => stand::run(&arguments),
         Command::State(arguments) => state::run(&arguments),
         Command::Enable(arguments) => operator::enable(&arguments),
         Command::Disable(arguments) => operator::disable(&arguments),

@@ -158,6 +158,21 @@ impl Commander {
         })
     }
 
+    /// Lets the robot stand on its feet, by mode stand, in the pose of the client's reference: its centre of mass so far
+    /// from the middle of the soles, to the front and to the left, m. To be called as [`Commander::send`].
+    ///
+    /// # Errors
+    /// As [`Commander::send`].
+    pub fn stand(&mut self, center_of_mass_offset: [f64; 2]) -> Result<(), Error> {
+        self.send(|reference| {
+            (reference.mode, reference.trajectory) = (Mode::Stand.number(), 0);
+            reference.center_of_mass_offset = center_of_mass_offset;
+            for joint in &mut reference.joints {
+                (joint.dq_d, joint.ddq_d) = (0.0, 0.0);
+            }
+        })
+    }
+
     /// Sends pieces as they come, and references in between, until the end of the trajectory.
     fn keep_sending(
         &mut self,

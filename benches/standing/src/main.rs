@@ -26,6 +26,9 @@ struct Arguments {
     /// Only this world: own or mujoco
     #[arg(long)]
     world: Option<String>,
+    /// Only this mode: `inverse_dynamics` or `stand`
+    #[arg(long)]
+    mode: Option<String>,
     /// Only pushes whose name contains this, as "60 N from right"; their joints stay the same
     #[arg(long)]
     push: Option<String>,
@@ -37,6 +40,7 @@ Run it in the project's folder, by cargo run --release -p standing-bench --; MuJ
 Examples:
   standing-bench                                   everything, an hour
   standing-bench --draws 2 --seconds 10 --out /tmp/standing.md
+  standing-bench --mode stand --world mujoco --push 60 --draws 0 --out /tmp/pushes.md
   standing-bench --world own --draws 20 --seconds 120 --out /tmp/own.md";
 
 fn main() -> ExitCode {

@@ -16,6 +16,7 @@ const SIDES: [(&str, [f64; 2]); 4] = [
     ("right", [0.0, 1.0]),
     ("left", [0.0, -1.0]),
 ];
+const MODES: [Mode; 2] = [Mode::InverseDynamics, Mode::Stand];
 const FORCES: [f64; 2] = [30.0, 60.0];
 /// Time from the push to the end, s: the last second of it is judged, five seconds after the push.
 const AFTER_S: f64 = 6.3;
@@ -39,6 +40,16 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
         Some(one) => vec![one.as_str()],
         None => WORLDS.to_vec(),
     };
+    let asked = arguments.mode.as_deref();
+    let modes = MODES.into_iter();
+    let modes: Vec<Mode> =
+        (modes.filter(|mode| asked.is_none_or(|asked| asked == mode.name()))).collect();
+    if modes.is_empty() {
+        return Err(format!(
+            "no mode {}: inverse_dynamics or stand",
+            asked.unwrap_or_default()
+        ));
+    }
     let mut text = HEAD
         .replace("DRAWS", &arguments.draws.to_string())
         .replace("SECONDS", &arguments.seconds.to_string());
@@ -50,15 +61,10 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
             if (arguments.push.as_ref()).is_some_and(|only| !push.contains(only)) {
                 continue;
             }
-            for name in &worlds {
+            for (name, mode) in each(&worlds, &modes) {
                 let mut world = world(name, &robot, seed, [force * x, force * y])?;
-                let stood = stand(
-                    &robot,
-                    &mut *world,
-                    Mode::InverseDynamics,
-                    TO_PUSH_S + AFTER_S,
-                )?;
-                let row = row(&push, name, &stood);
+                let stood = stand(&robot, &mut *world, mode, TO_PUSH_S + AFTER_S)?;
+                let row = row(&push, (name, mode), &stood);
                 println!("{}", row.trim_end());
                 text += &row;
             }
@@ -67,30 +73,37 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
     let _ = write!(
         text,
         "\n## Without a push\n\nIn each world {} times with other joints, {} s each; sway over the last second, and the angle of \
-         the base from where it began.\n\n| world | stand | largest angular velocity, rad/s | sway, degrees: median, \
-         worst | drift, degrees: median, worst | events |\n| --- | --- | --- | --- | --- | --- |\n",
+         the base from where it began.\n\n| world | mode | stand | largest angular velocity, rad/s | sway, degrees: median, \
+         worst | drift, degrees: median, worst | events |\n| --- | --- | --- | --- | --- | --- | --- |\n",
         arguments.draws, arguments.seconds
     );
-    for name in &worlds {
+    for (name, mode) in each(&worlds, &modes) {
         let mut all = Vec::new();
         for seed in 1..=arguments.draws {
             let mut world = world(name, &robot, seed, [0.0; 2])?;
-            let stood = stand(
-                &robot,
-                &mut *world,
-                Mode::InverseDynamics,
-                arguments.seconds,
-            )?;
-            println!("{name} {seed}: {stood:?}");
+            let stood = stand(&robot, &mut *world, mode, arguments.seconds)?;
+            println!("{name} {} {seed}: {stood:?}", mode.name());
             all.push(stood);
         }
-        text += &quiet(name, &all);
+        text += &quiet((name, mode), &all);
     }
     ResultsPage::new(&text)?.write(&arguments.out)
 }
 
+/// Each mode in each world.
+fn each<'a>(worlds: &'a [&'a str], modes: &'a [Mode]) -> impl Iterator<Item = (&'a str, Mode)> {
+    let worlds = worlds.iter();
+    worlds.flat_map(|world| modes.iter().map(|mode| (*world, *mode)))
+}
+
+/// A mode as the documents call it.
+fn called(mode: Mode) -> String {
+    mode.name().replace('_', " ")
+}
+
 fn verdict(stood: &Stood) -> String {
     match (stood.fallen, &stood.fault) {
+        (false, None) if stood.ended => "**ends**".to_owned(),
         (false, None) => "stands".to_owned(),
         (true, None) => "**falls**".to_owned(),
         (fallen, Some((event, joint))) => {
@@ -100,9 +113,10 @@ fn verdict(stood: &Stood) -> String {
     }
 }
 
-fn row(push: &str, world: &str, stood: &Stood) -> String {
+fn row(push: &str, (world, mode): (&str, Mode), stood: &Stood) -> String {
     format!(
-        "| {push} | {world} | {} | {:.2} | {:.3} | {:.3} |\n",
+        "| {push} | {world} | {} | {} | {:.2} | {:.3} | {:.3} |\n",
+        called(mode),
         verdict(stood),
         stood.fastest,
         stood.sway,
@@ -110,7 +124,7 @@ fn row(push: &str, world: &str, stood: &Stood) -> String {
     )
 }
 
-fn quiet(world: &str, all: &[Stood]) -> String {
+fn quiet((world, mode): (&str, Mode), all: &[Stood]) -> String {
     let of = |value: &dyn Fn(&Stood) -> f64| {
         let mut values: Vec<f64> = all.iter().map(value).collect();
         values.sort_by(f64::total_cmp);
@@ -133,14 +147,15 @@ fn quiet(world: &str, all: &[Stood]) -> String {
         events.join(", ")
     };
     format!(
-        "| {world} | {stand} of {} | {fastest:.3} | {sway:.3}, {most_sway:.3} | {drift:.3}, {most_drift:.3} | {events} |\n",
+        "| {world} | {} | {stand} of {} | {fastest:.3} | {sway:.3}, {most_sway:.3} | {drift:.3}, {most_drift:.3} | {events} |\n",
+        called(mode),
         all.len()
     )
 }
 
 const HEAD: &str = "# A humanoid that stands
 
-Written by `cargo run --release -p standing-bench -- --draws DRAWS --seconds SECONDS`. The shipped humanoid in mode inverse dynamics, with references of the pose alone. Two worlds in front of the same loop:
+Written by `cargo run --release -p standing-bench -- --draws DRAWS --seconds SECONDS`. The shipped humanoid in modes inverse dynamics and [stand](../modes.md#mode-stand), with references of the pose alone. Two worlds in front of the same loop:
 
 - **own**: `crates/plant`, each kind of drive with gains ±10 %, friction and presliding times 0.5 to 2.
 - **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's; it shares no code with the plant. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz, a torque constant ±2 %, an offset of its current. A tenth of the kinematic error is left.
@@ -151,6 +166,6 @@ At the chest for 0.3 s; each push with other joints. The base's largest angular 
 
 <!-- rows: standing-pushes.csv, 5 greatest of angle, degrees -->
 
-| push | world | | rad/s | sway, degrees | angle, degrees |
-| --- | --- | --- | --- | --- | --- |
+| push | world | mode | | rad/s | sway, degrees | angle, degrees |
+| --- | --- | --- | --- | --- | --- | --- |
 ";

@@ -70,6 +70,10 @@ pub(super) fn page(
         text += "\nF/T sensors\n";
         text += &sensor_table(robot).to_string();
     }
+    text += &match robot.cannot_stand() {
+        None => "\nMode stand: on the feet whose soles are given\n".to_owned(),
+        Some(problem) => format!("\nNo {problem}\n"),
+    };
     for warning in warnings {
         text += &format!("\nwarning: {warning}");
     }

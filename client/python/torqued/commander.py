@@ -282,6 +282,15 @@ class Commander:
             joint.dq_d = joint.ddq_d = 0.0
         self.send()
 
+    def stand(self, front_m: float = 0.0, left_m: float = 0.0) -> None:
+        """Lets the robot stand on its feet, by mode stand, in the pose of the reference: its centre of
+        mass so far from the middle of the soles. To be called as `send`, and raises as it."""
+        self.reference.mode, self.reference.trajectory = Mode.STAND, 0
+        self.reference.center_of_mass_offset[:] = front_m, left_m
+        for joint in self.reference.joints:
+            joint.dq_d = joint.ddq_d = 0.0
+        self.send()
+
     def follow(
         self,
         duration_s: float,

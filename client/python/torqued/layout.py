@@ -27,6 +27,7 @@ class Mode(IntEnum):
     TORQUE_FEEDBACK_MOTION = 6
     LOW_GAIN_TRACKING = 7
     VELOCITY = 8
+    STAND = 9
 
 
 class JointKind(IntEnum):
@@ -209,7 +210,7 @@ EVENTS = (
     Event(214, "torque_drift", "The torque by torsion and that from F/T sensors and IMU drift apart at a joint that stands and that only a torque holds. An encoder or an F/T sensor drifts, or something presses slowly where no sensor measures it.", "-", "release"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
-    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints, or let a joint go that bears a contact.", "-", "release"),
+    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints, let a joint go that bears a contact, or asked a robot to stand whose feet cannot hold it.", "-", "release"),
     Event(304, "reference_jump", "A client's desired position was far from the pose at its start, or moved faster than the joint may.", "joint.velocity_limit_rad_per_s", "release"),
     Event(305, "commander_refused", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.", "loop.reference_timeout_ms", "warn"),
     Event(306, "commander_replaced", "A client of higher priority took the command over.", "-", "release"),
@@ -740,7 +741,7 @@ class FrameReference(ctypes.Structure):
 
 
 class Reference(ctypes.Structure):
-    """4432 bytes."""
+    """4448 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -756,7 +757,7 @@ class Reference(ctypes.Structure):
         ("trajectory", ctypes.c_uint64),
         # Mode passive: bit k is 1 where joint k is held at `q_d`, with its `stiffness` and `damping` or the configured ones; the other joints are let go.
         ("held_joints", ctypes.c_uint64),
-        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking.
+        # Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking, 8 velocity, 9 stand.
         ("mode", ctypes.c_uint32),
         # Joints in use; must equal the robot's.
         ("joint_count", ctypes.c_uint32),
@@ -778,6 +779,8 @@ class Reference(ctypes.Structure):
         ("contact_wrench", Wrench * 8),
         # The frames, in config order (mode Cartesian).
         ("frames", FrameReference * 4),
+        # Mode stand: horizontal offset of the centre of mass from the middle of the soles that bear the robot, forward and to the left as the base stood when the mode began, m.
+        ("center_of_mass_offset", ctypes.c_double * 2),
     ]
 
 
@@ -926,7 +929,7 @@ class Answer(ctypes.Structure):
 # The types' names in shared memory: the layout's hash makes another version a stranger.
 SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#0a12f238c00812ac")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#fe75942eefe87f02")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#c960d608c02ff4e8")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")
 Request.type_name = staticmethod(lambda: "torqued::Request#57192db3322973c9")

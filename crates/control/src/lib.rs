@@ -5,6 +5,7 @@
 //! after construction.
 #![deny(unsafe_code)]
 
+mod balance;
 mod carried;
 mod cartesian;
 mod drive;
@@ -13,11 +14,13 @@ mod inverse_dynamics;
 pub mod margins;
 mod point_to_point;
 pub mod predictive;
+mod sole;
 mod support;
 mod torque_loop;
 mod trajectory;
 mod velocity_stream;
 
+pub use balance::{Balance, BalanceInput, Balanced, MAX_FEET};
 pub use carried::{CarriedTorque, largest_follow};
 pub use cartesian::{
     CartesianLaw, CartesianLimits, CartesianTarget, CartesianWrench, DAMPING_RATIOS, Limb,
@@ -27,6 +30,7 @@ pub use drive::{CurrentDrive, DriveModel, PositionDrive, smooth_sign};
 pub use gains::{EquivalentGains, JointGains};
 pub use inverse_dynamics::InverseDynamics;
 pub use point_to_point::{MotionLimits, PlannedMotion, PointToPoint};
+pub use sole::Sole;
 pub use support::Support;
 pub use torque_loop::TorqueLoop;
 pub use trajectory::{BufferedTrajectory, TrajectoryLimits, interpolate};

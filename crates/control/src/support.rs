@@ -154,6 +154,14 @@ impl Support {
         self.feet.get(sensor).is_some_and(|foot| foot.share > 0.0)
     }
 
+    /// Up in the axes of an F/T sensor, unit vector, where its end-effector bears the robot and has for long enough to
+    /// know it; none elsewhere.
+    #[must_use]
+    pub fn ground_under(&self, sensor: usize) -> Option<Vector3<f64>> {
+        let foot = self.feet.get(sensor)?;
+        (foot.bears && foot.stands_s >= UP_LEAST_S).then_some(foot.up)
+    }
+
     /// The wrenches of the ground, at the sensors' frames, with which the joints at `q` (newest angles, model order,
     /// rad) have the accelerations `ddq_d` while the feet stand still. Zero for end-effectors that bear nothing.
     pub fn wrenches(&mut self, q: &[f64], ddq_d: &[f64]) -> &[Wrench; MAX_FT_SENSORS] {

@@ -44,6 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (Mode::Hold, "hold"),
         (Mode::InverseDynamics, "inverse dynamics"),
         (Mode::Position, "position, a new target in every cycle"),
+        (Mode::Stand, "stand"),
     ];
     let mut k = 0;
     for (mode, name) in modes {

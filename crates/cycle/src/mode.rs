@@ -14,6 +14,7 @@ mod passive;
 mod position;
 mod reference;
 mod rigid_body;
+mod stand;
 mod task;
 mod torque;
 mod torque_feedback;
@@ -109,6 +110,33 @@ impl Asked<'_> {
 /// A bit for each joint, in config order.
 pub(crate) type JointBits = u64;
 
+/// That for which a mode must not go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Unfit {
+    /// Joints.
+    Joints(JointBits),
+    /// Feet that do not bear the robot: a bit for each F/T sensor, in config order.
+    FtSensors(u64),
+    /// The feet do not hold the robot's centre of mass.
+    Balance,
+}
+
+impl Unfit {
+    fn count(self, counts: &mut Counts) {
+        let (bits, subject): (u64, fn(usize) -> Subject) = match self {
+            Self::Joints(bits) => (bits, Subject::Joint),
+            Self::FtSensors(bits) => (bits, Subject::FtSensor),
+            Self::Balance => {
+                counts.add(Event::ReferenceRejected);
+                return;
+            }
+        };
+        for index in (0..64).filter(|index| bits >> index & 1 == 1) {
+            counts.add_of(Event::ReferenceRejected, subject(index));
+        }
+    }
+}
+
 /// A mode that clients may ask for.
 pub(crate) trait ClientMode: fmt::Debug + Send {
     /// Bits of the sources that the mode needs besides those of torque feedback.
@@ -136,7 +164,7 @@ pub(crate) trait ClientMode: fmt::Debug + Send {
     /// Sets each joint's task.
     ///
     /// # Errors
-    /// The joints for which the mode must not go on: all joints stop.
+    /// That for which the mode must not go on: all joints stop.
     fn set_tasks(
         &mut self,
         asked: &Asked<'_>,
@@ -144,7 +172,7 @@ pub(crate) trait ClientMode: fmt::Debug + Send {
         body: &mut RigidBody,
         commanded: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits>;
+    ) -> Result<(), Unfit>;
 
     /// Another mode is followed in this cycle, or none.
     fn idle(&mut self, _: &Seen<'_>, _: &mut CommandedRecord) {}
@@ -169,6 +197,7 @@ const MODES: &[Row] = &[
     (Mode::TorqueFeedbackMotion, torque_feedback::make),
     (Mode::LowGainTracking, low_gain::make),
     (Mode::Velocity, velocity::make),
+    (Mode::Stand, stand::make),
 ];
 
 /// The modes of a robot, and the tasks that they set.
@@ -291,10 +320,8 @@ impl Modes {
                     return;
                 };
                 let body = &mut self.body;
-                if let Err(joints) = own.set_tasks(&asked, seen, body, commanded, &mut self.tasks) {
-                    for joint in (0..self.tasks.len()).filter(|j| joints >> j & 1 == 1) {
-                        counts.add_of(Event::ReferenceRejected, Subject::Joint(joint));
-                    }
+                if let Err(unfit) = own.set_tasks(&asked, seen, body, commanded, &mut self.tasks) {
+                    unfit.count(counts);
                     self.tasks.fill(Task::of(JointGoal::Stop));
                 }
             }

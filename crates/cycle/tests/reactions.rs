@@ -82,7 +82,7 @@ fn without_the_imu_only_modes_end_that_need_it() {
     let record = follow(&mut bench, &mut reference, Mode::Torque, 20, &[]);
     assert_eq!(
         (mode(&record), record.possible_modes),
-        (Mode::Torque, 0b1_0010_1111)
+        (Mode::Torque, 0b11_0010_1111)
     );
 
     // Torque from encoders goes on without it.
@@ -97,14 +97,14 @@ fn without_the_imu_only_modes_end_that_need_it() {
 
     // Back again, it is possible.
     let record = follow(&mut bench, &mut reference, Mode::Hold, 300, &[]);
-    assert_eq!(record.possible_modes, 0b1_0010_1111);
+    assert_eq!(record.possible_modes, 0b11_0010_1111);
     let record = follow(&mut bench, &mut reference, Mode::InverseDynamics, 20, &[]);
     assert_eq!(mode(&record), Mode::InverseDynamics);
     follow(&mut bench, &mut reference, Mode::InverseDynamics, 100, &imu);
     let record = follow(&mut bench, &mut reference, Mode::InverseDynamics, 300, &[]);
     assert_eq!(
         (mode(&record), record.possible_modes),
-        (Mode::Hold, 0b1_0010_1111),
+        (Mode::Hold, 0b11_0010_1111),
         "the client has not asked for hold"
     );
     assert_eq!(record.fault, 0);

@@ -48,7 +48,8 @@ fn no_cycle_allocates_whatever_happens_in_it() {
                 Mode::Passive.number(),
                 Mode::TorqueFeedbackMotion.number(),
                 Mode::Velocity.number(),
-            ][cycle as usize / 20 % 7];
+                Mode::Stand.number(),
+            ][cycle as usize / 20 % 8];
             reference.held_joints = cycle;
             if cycle % 90 == 89 {
                 reference.joints[1].dq_d = f64::NAN;
@@ -85,6 +86,23 @@ fn no_cycle_allocates_whatever_happens_in_it() {
         ] {
             assert!(events[event.index()] > 0, "{name}: {}", event.name());
         }
+    }
+}
+
+#[test]
+fn a_robot_that_balances_allocates_nothing() {
+    let mut bench = Bench::new("humanoid");
+    bench.run(800);
+    let mut reference = bench.reference(Mode::Stand.number(), 1);
+    for _ in 0..50 {
+        reference.sequence += 1;
+        bench.gather();
+        bench.tx.clear();
+        let at = bench.instants();
+        let before = allocations();
+        (bench.cycle).step(at, &bench.rx, &client_input(&reference), &mut bench.tx);
+        assert_eq!(allocations() - before, 0);
+        assert_eq!(bench.cycle.record().mode, Mode::Stand.number());
     }
 }
 

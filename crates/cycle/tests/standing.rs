@@ -141,3 +141,59 @@ fn it_stands_through_a_push_from_the_right() {
 fn it_stands_through_a_push_from_the_left() {
     assert_stands(Mode::Velocity, [0.0, -30.0], 4);
 }
+
+#[test]
+fn it_keeps_its_balance_through_a_push_from_behind() {
+    assert_stands(Mode::Stand, [60.0, 0.0], 5);
+}
+
+#[test]
+fn it_keeps_its_balance_through_a_push_from_the_left() {
+    assert_stands(Mode::Stand, [0.0, -60.0], 6);
+}
+
+/// The standing humanoid in mode stand, until the mode ends or for so many cycles; the cycles.
+fn until_it_ends(bench: &mut Bench, cycles: usize) -> usize {
+    bench.run(1000);
+    let mut reference = bench.reference(Mode::Stand.number(), 1);
+    for cycle in 0..cycles {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+        if bench.cycle.record().mode != Mode::Stand.number() {
+            // The record explains it in the next cycle.
+            bench.step(&client_input(&reference));
+            return cycle;
+        }
+    }
+    cycles
+}
+
+#[test]
+fn what_its_feet_cannot_hold_ends_the_mode_by_name() {
+    // Pushed at 0.5 s in the mode by what would throw a person.
+    let mut bench = standing([300.0, 0.0], 1);
+    let ended = until_it_ends(&mut bench, 2000);
+    assert!((600..1500).contains(&ended), "{ended}");
+    let record = bench.cycle.record();
+    assert_eq!(record.fault, 0, "{}", record.fault);
+    assert_eq!(record.events[Event::ReferenceRejected.index()], 1);
+    assert_eq!(record.commander.cause, Event::ReferenceRejected.number());
+}
+
+#[test]
+fn a_robot_whose_soles_are_not_known_does_not_have_the_mode() {
+    let mut bench = Bench::reading("humanoid", &|path| {
+        let text = read(path)?;
+        let known = text
+            .lines()
+            .filter(|line| !line.starts_with("sole_corners_m"));
+        Ok(known.map(|line| format!("{line}\n")).collect())
+    });
+    let lacks = bench.robot.cannot_stand().unwrap().to_string();
+    assert!(lacks.contains("sole_corners_m"), "{lacks}");
+    assert_eq!(until_it_ends(&mut bench, 10), 0);
+    assert_eq!(
+        bench.cycle.record().possible_modes >> Mode::Stand.number() & 1,
+        0
+    );
+}

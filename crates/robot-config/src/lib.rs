@@ -23,6 +23,7 @@ mod sampling;
 mod sensors;
 mod settings;
 pub mod slots;
+mod standing;
 mod tare;
 pub mod torque_loops;
 mod units;

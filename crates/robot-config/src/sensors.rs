@@ -8,6 +8,7 @@ use crate::sampling::{self, Sampling};
 use crate::slots;
 use crate::units::Quantity;
 use crate::wiring::{Use, Way, Wiring};
+use control::Sole;
 use nalgebra::Matrix6;
 use robot_state::{MAX_FT_SENSORS, MAX_FURTHER_IMUS};
 use whole_body::FtConditioning;
@@ -98,6 +99,7 @@ fn ft_sensor(
             signals.extend(reaches.map(of_axis));
         }
     }
+    let sole = sole(section);
     let temperature = section.optional_text("temperature", "a signal MESSAGE.signal");
     if let (Some(path), Some(bus)) = (&temperature, bus) {
         let how = Use {
@@ -122,8 +124,25 @@ fn ft_sensor(
         sampling,
         conditioning,
         signals,
+        sole,
         has_temperature: temperature.is_some(),
     })
+}
+
+/// The sole by its corners; none where no corners are given.
+fn sole(section: &Section<'_, '_>) -> Option<Sole> {
+    const KEY: &str = "sole_corners_m";
+    let corners = section.points(KEY);
+    if !section.has(KEY) || !corners.as_flattened().iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    match Sole::new(&corners) {
+        Ok(sole) => Some(sole),
+        Err(what) => {
+            section.problem(KEY, what, Sole::ALLOWED);
+            None
+        }
+    }
 }
 
 /// `w = sign (C raw - offset + k_T (T - T0))`, the sign multiplied out.

@@ -34,6 +34,7 @@ enum TorquedMode {
   TORQUED_MODE_TORQUE_FEEDBACK_MOTION = 6,
   TORQUED_MODE_LOW_GAIN_TRACKING = 7,
   TORQUED_MODE_VELOCITY = 8,
+  TORQUED_MODE_STAND = 9,
 };
 
 /** Kind of a joint: of a prismatic one m stands for rad and N for N·m on the link side. */
@@ -592,7 +593,7 @@ typedef struct TorquedReference {
   uint64_t trajectory;
   /** Mode passive: bit k is 1 where joint k is held at `q_d`, with its `stiffness` and `damping` or the configured ones; the other joints are let go. */
   uint64_t held_joints;
-  /** Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking. */
+  /** Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4 Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking, 8 velocity, 9 stand. */
   uint32_t mode;
   /** Joints in use; must equal the robot's. */
   uint32_t joint_count;
@@ -614,8 +615,10 @@ typedef struct TorquedReference {
   TorquedWrench contact_wrench[8];
   /** The frames, in config order (mode Cartesian). */
   TorquedFrameReference frames[4];
+  /** Mode stand: horizontal offset of the centre of mass from the middle of the soles that bear the robot, forward and to the left as the base stood when the mode began, m. */
+  double center_of_mass_offset[2];
 } TorquedReference;
-TORQUED_SIZE(TorquedReference, 4432);
+TORQUED_SIZE(TorquedReference, 4448);
 
 typedef struct TorquedJointPoint {
   /** q_d, rad. */

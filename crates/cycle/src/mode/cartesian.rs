@@ -20,8 +20,8 @@ use robot_state::{CommandedRecord, Event, MeasuredRecord, Mode, Reference};
 
 use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Feedback, Follow, Foresight, JointBits, JointGoal, Made, RigidBody,
-    Speed, Spring, Task,
+    Asked, Bounds, ClientMode, Feedback, Follow, Foresight, JointGoal, Made, RigidBody, Speed,
+    Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
 use frame_check::FrameCheck;
@@ -73,7 +73,7 @@ impl ClientMode for Cartesian {
         body: &mut RigidBody,
         commanded: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         let carried = body.follow(asked.reference, seen);
         (self.frames).lead(asked, (seen, &carried), body.torques_mut(), commanded);
         for (j, task) in tasks.iter_mut().enumerate() {

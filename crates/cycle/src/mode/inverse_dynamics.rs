@@ -4,8 +4,8 @@ use robot_config::Robot;
 use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::{
-    Asked, Bounds, Bristle, ClientMode, Entry, Follow, Foresight, JointBits, JointGoal, Made,
-    RigidBody, Speed, Spring, Task,
+    Asked, Bounds, Bristle, ClientMode, Entry, Follow, Foresight, JointGoal, Made, RigidBody,
+    Speed, Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -29,7 +29,7 @@ impl ClientMode for InverseDynamics {
         body: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         body.follow(asked.reference, seen);
         for (j, task) in tasks.iter_mut().enumerate() {
             *task = Task::of(JointGoal::Follow(tracking(asked, body, j)));

@@ -12,8 +12,8 @@ use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Follow, Foresight, Impedance, JointBits, JointGoal, Made, RigidBody,
-    RigidBodyTorque, Speed, Spring, Task,
+    Asked, Bounds, ClientMode, Follow, Foresight, Impedance, JointGoal, Made, RigidBody,
+    RigidBodyTorque, Speed, Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -71,7 +71,7 @@ impl ClientMode for LowGain {
         body: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         body.follow(asked.reference, seen);
         for (j, (own, task)) in self.joints.iter().zip(tasks).enumerate() {
             let follow = tracking(asked, body, j);

@@ -8,8 +8,8 @@ use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, Bristle, ClientMode, Follow, Foresight, Impedance, JointBits, JointGoal, Made,
-    RigidBody, RigidBodyTorque, Speed, Spring, Task,
+    Asked, Bounds, Bristle, ClientMode, Follow, Foresight, Impedance, JointGoal, Made, RigidBody,
+    RigidBodyTorque, Speed, Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -70,7 +70,7 @@ impl ClientMode for Passive {
         body: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         body.rest(seen);
         body.update_contacts(seen);
         let mut bears = 0;
@@ -109,7 +109,11 @@ impl ClientMode for Passive {
             }
             *task = Task::of(JointGoal::Follow(follow));
         }
-        if bears == 0 { Ok(()) } else { Err(bears) }
+        if bears == 0 {
+            Ok(())
+        } else {
+            Err(Unfit::Joints(bears))
+        }
     }
 
     fn idle(&mut self, _: &Seen<'_>, _: &mut CommandedRecord) {

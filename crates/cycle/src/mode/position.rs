@@ -5,7 +5,7 @@ use robot_config::{Parameters, Robot};
 use robot_state::{CommandedRecord, JointMeasured, MeasuredRecord, Reference};
 
 use super::inverse_dynamics::tracking;
-use super::{Asked, Bounds, ClientMode, JointBits, JointGoal, Made, RigidBody, Task};
+use super::{Asked, Bounds, ClientMode, JointGoal, Made, RigidBody, Task, Unfit};
 use crate::inputs::Seen;
 
 /// Plans motions of the robot to a target.
@@ -132,7 +132,7 @@ impl ClientMode for Position {
         body: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         let planned = (self.motions).follow(asked.reference, false, seen.measured, seen.dt);
         body.follow(&planned, seen);
         let planned = Asked {

@@ -345,6 +345,10 @@ fn is_finite(reference: &Reference) -> bool {
         .all(f64::is_finite);
     let wrenches = reference.contact_wrench.iter();
     joints_finite
+        && reference
+            .center_of_mass_offset
+            .iter()
+            .all(|x| x.is_finite())
         && cartesian::is_finite(reference)
         && wrenches
             .flat_map(|w| w.force.iter().chain(&w.torque))

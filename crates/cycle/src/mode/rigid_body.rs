@@ -5,6 +5,7 @@
 //! what it bore some time before, which a robot on its feet does not survive, and what presses would press ever harder.
 
 use control::{InverseDynamics, Support};
+use nalgebra::Vector3;
 use robot_config::Robot;
 use robot_state::{MAX_FT_SENSORS, Mode, Reference, Wrench};
 
@@ -85,6 +86,11 @@ impl RigidBody {
     /// The torques of all joints, to which a mode may add.
     pub(crate) fn torques_mut(&mut self) -> &mut [RigidBodyTorque] {
         &mut self.torques
+    }
+
+    /// Up in the axes of an F/T sensor beyond which the robot stands on the ground; none where it does not.
+    pub(crate) fn ground_under(&self, sensor: usize) -> Option<Vector3<f64>> {
+        self.support.ground_under(sensor)
     }
 
     /// Takes what is measured in this cycle, whatever the mode.

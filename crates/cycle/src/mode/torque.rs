@@ -4,8 +4,8 @@ use robot_config::Robot;
 use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::{
-    Asked, Bounds, Bristle, ClientMode, Entry, Follow, JointBits, JointGoal, Made, RigidBody,
-    RigidBodyTorque, Speed, Task,
+    Asked, Bounds, Bristle, ClientMode, Entry, Follow, JointGoal, Made, RigidBody, RigidBodyTorque,
+    Speed, Task, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -37,7 +37,7 @@ impl ClientMode for Torque {
         _: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         for (task, joint) in tasks.iter_mut().zip(&asked.reference.joints) {
             *task = Task::of(JointGoal::Follow(Follow {
                 mode: Mode::Torque,

@@ -10,7 +10,7 @@ use robot_state::{CommandedRecord, Mode};
 
 use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Follow, JointBits, JointGoal, Made, RigidBody, RigidBodyTorque, Task,
+    Asked, Bounds, ClientMode, Follow, JointGoal, Made, RigidBody, RigidBodyTorque, Task, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -71,7 +71,7 @@ impl ClientMode for TorqueFeedback {
         body: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         for (j, (own, task)) in self.joints.iter_mut().zip(tasks).enumerate() {
             let now = seen.fast_torque(j).filter(|now| now.is_finite());
             let carried = own.carry(asked, j, now, seen.dt);

@@ -10,7 +10,7 @@ use robot_config::{JointParameters, Robot};
 use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::inverse_dynamics::tracking;
-use super::{Asked, Bounds, ClientMode, Follow, JointBits, JointGoal, Made, RigidBody, Task};
+use super::{Asked, Bounds, ClientMode, Follow, JointGoal, Made, RigidBody, Task, Unfit};
 use crate::inputs::Seen;
 
 /// For rounding of velocities that are meant to be the limit: as `ROUNDING` of crates/control/src/trajectory.rs.
@@ -65,7 +65,7 @@ impl ClientMode for Velocity {
         body: &mut RigidBody,
         _: &mut CommandedRecord,
         tasks: &mut [Task],
-    ) -> Result<(), JointBits> {
+    ) -> Result<(), Unfit> {
         let mut reference = *asked.reference;
         let joints = self
             .joints

@@ -1,6 +1,7 @@
 //! Parameters of F/T sensors and IMUs.
 
 use crate::sampling::Sampling;
+use control::Sole;
 use supervisor::SignalParameters;
 use whole_body::FtConditioning;
 
@@ -34,6 +35,8 @@ pub struct FtParameters {
     pub conditioning: FtConditioning,
     /// Range and noise of its signals: force x y z, torque x y z.
     pub signals: Vec<SignalParameters>,
+    /// The sole beyond the sensor, of a foot on which the robot may be asked to stand.
+    pub sole: Option<Sole>,
     /// True if the sensor sends a temperature.
     pub has_temperature: bool,
 }

@@ -62,6 +62,28 @@ impl<'n, 't> Section<'n, 't> {
         items.iter().map(pair).collect()
     }
 
+    /// Points of three finite numbers; none if the key is missing.
+    pub(crate) fn points(&self, key: &'static str) -> Vec<[f64; 3]> {
+        const ALLOWED: &str = "a list of points of three finite numbers, as [[0.1, 0.05, -0.05], [0.1, -0.05, -0.05]]";
+        let Some(value) = self.find(key) else {
+            return Vec::new();
+        };
+        let Some(items) = value.get_ref().as_array() else {
+            self.wrong(key, value, &ALLOWED);
+            return Vec::new();
+        };
+        let point = |item: &'n Spanned<DeValue<'t>>| match item.get_ref().as_array() {
+            Some(point) if point.len() == 3 => {
+                [0, 1, 2].map(|i| self.as_number(key, &point[i], Allowed::Finite))
+            }
+            _ => {
+                self.wrong(key, item, &ALLOWED);
+                [f64::NAN; 3]
+            }
+        };
+        items.iter().map(point).collect()
+    }
+
     fn items(
         &self,
         key: &'static str,

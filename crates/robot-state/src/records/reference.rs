@@ -79,6 +79,9 @@ modes! {
     /// Follow `dq_d` of the client, within limits of acceleration and jerk, by inverse dynamics; joints come to rest before
     /// their position limits.
     Velocity = 8, "velocity", false;
+    /// Stand on the feet that bear the robot: the centre of mass stays over them, the base upright, and the joints
+    /// besides follow `q_d dq_d ddq_d` of the client by inverse dynamics.
+    Stand = 9, "stand", false;
 }
 
 impl Mode {
@@ -137,7 +140,7 @@ record! {
         /// configured ones; the other joints are let go.
         pub held_joints: u64,
         /// Number of a `Mode`: 0 hold, 1 torque, 2 inverse dynamics, 3 position, 4
-        /// Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking.
+        /// Cartesian, 5 passive, 6 torque-feedback motion, 7 low-gain tracking, 8 velocity, 9 stand.
         pub mode: u32,
         /// Joints in use; must equal the robot's.
         pub joint_count: u32,
@@ -161,6 +164,9 @@ record! {
         pub contact_wrench: [Wrench; MAX_FT_SENSORS],
         /// The frames, in config order (mode Cartesian).
         pub frames: [FrameReference; MAX_FRAMES],
+        /// Mode stand: horizontal offset of the centre of mass from the middle of the soles that bear the robot, forward
+        /// and to the left as the base stood when the mode began, m.
+        pub center_of_mass_offset: [f64; 2],
     }
 }
 

@@ -1,0 +1,484 @@
+//! Balance: torques by which a robot stands on its feet, its centre of mass over them.
+//!
+//! In: newest angles and velocities of the joints, a desired pose, which feet stand on the ground and where up is in
+//! their axes. Out: torques, and the wrenches of the ground that they count on. The feet stand still, so the joints
+//! alone show how base and centre of mass move: nothing of it is late by a filter, and no wrench is measured.
+//!
+//! 1. The centre of mass is to be over the middle of the soles: a linear inverted pendulum, whose centre of pressure
+//!    stays within the soles. The base is to be turned as the desired pose has it.
+//! 2. Least squares give the accelerations of all joints: feet that stand still, the two tasks, and a posture.
+//! 3. Their dynamics give the wrench that the ground must apply, which the soles share as they can, and with it the
+//!    torques.
+
+mod floor;
+mod ground;
+mod least_squares;
+
+use crate::sole::{Sole, depth, nearest_within};
+use dynamics::{
+    Base, Data, Model, Motion, ReferenceFrame, Se3, center_of_mass, crba, forward_kinematics,
+    forward_kinematics_acceleration, frame_acceleration, frame_jacobian, frame_placement, rnea,
+};
+use floor::{Floor, Soles};
+use ground::{Sharing, at_sensor, share};
+use least_squares::LeastSquares;
+pub use least_squares::MAX_FEET;
+use nalgebra::{Matrix3, Matrix6xX, Vector2, Vector3, Vector6};
+use robot_state::Wrench;
+
+/// The slower pole of the centre of mass is the pendulum's own, which leaves its stable part alone: all of the soles
+/// is left to catch the other one. The other pole, as a multiple of it. Chosen on the simulated humanoid
+/// (docs/results/standing.md).
+const QUICKER: f64 = 2.5;
+/// Frequency of the base's orientation, and of the posture, critically damped, rad/s. Chosen on the simulated humanoid
+/// (docs/results/standing.md).
+const TURNS_BACK: f64 = 10.0;
+const POSTURE: f64 = 10.0;
+/// Frequency, critically damped, with which the place for the centre of mass is led to where it is asked for, rad/s.
+/// Chosen: slower than the pendulum, so that leading it asks for a small part of the soles; no experiment recorded.
+const LEADS: f64 = 2.0;
+/// Share of the way from the middle of the soles to the edge of their hull within which a client may ask for the centre
+/// of mass: the rest is left to catch it. Chosen; no experiment recorded.
+const REACH: f64 = 0.5;
+/// Frequency of the low-pass of the joints' velocities, rad/s. Ground gives way under feet, which then turn against the
+/// shanks though the body does not move. Chosen on the simulated humanoid, whose ankles rang without it, by 9 N·m at 33 Hz
+/// on a floor of 150 N/mm under each corner: it takes 12 dB there, and 14° where the centre of mass is led.
+const SMOOTH: f64 = 50.0;
+/// Greatest angular acceleration that is asked for, of the base and of a joint, rad/s². Chosen; no experiment recorded.
+const MOST_TURN: f64 = 30.0;
+/// Weights of accelerations: of joints between the base and a foot that stands, of the others, which springs hold, and
+/// of the base's. Chosen: legs balance, all else keeps its posture; no experiment recorded.
+const WEIGHTS: [f64; 3] = [1.0, 100.0, 0.01];
+/// Softness of feet that stand still, of the centre of mass and of the base's orientation, against these weights.
+/// Chosen: each gives way a thousand times more than the one before; no experiment recorded.
+const SOFTNESS: [f64; 3] = [1e-6, 1e-4, 1e-3];
+
+/// A foot on which the robot may stand.
+#[derive(Debug, Clone)]
+struct Foot {
+    frame: usize,
+    sole: Sole,
+    stands: bool,
+    /// Joints between the base and the foot, in the order of the model.
+    joints: Vec<usize>,
+    /// Its sensor's frame in the base's axes, now and in the desired pose.
+    at: Se3,
+    desired: Se3,
+    /// Twist of the foot in the base's axes for each component of the velocity.
+    jacobian: Matrix6xX<f64>,
+    /// Its acceleration in the base's axes without any of the joints'.
+    bias: Motion,
+    /// Wrench of the ground in the base's axes, about its origin.
+    wrench: Vector6<f64>,
+}
+
+/// What the robot is to do in a cycle; of joints in the order of the model.
+#[derive(Debug, Clone, Copy)]
+pub struct BalanceInput<'a> {
+    /// Newest angles, rad, and velocities, rad/s.
+    pub q: &'a [f64],
+    /// See `q`.
+    pub dq: &'a [f64],
+    /// Desired angles, rad, velocities, rad/s, and accelerations, rad/s².
+    pub desired: [&'a [f64]; 3],
+    /// Up in the axes of each foot's sensor, unit vectors, of the feet on which it stands; none for others.
+    pub up: [Option<Vector3<f64>>; MAX_FEET],
+    /// Offset of the centre of mass from the middle of the soles, forward and to the left as the base stood when it
+    /// began, m.
+    pub offset: [f64; 2],
+    /// Sample period, s.
+    pub dt: f64,
+}
+
+/// How the robot stands, seen from above.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Balanced {
+    /// The centre of mass from where it is to be in the end, m, along the first sole's axes.
+    pub off: [f64; 2],
+    /// How far inside the hull of the soles the capture point is, m: where the centre of mass would come to rest over a
+    /// foot that is put there (J. Pratt et al., 2006). Outside, no torque brings it back.
+    pub depth: f64,
+    /// The accelerations were found.
+    pub solved: bool,
+}
+
+/// The place to which the centre of mass is led, on the floor.
+#[derive(Debug, Clone, Copy)]
+struct Led {
+    at: Vector2<f64>,
+    rate: Vector2<f64>,
+    /// Forward as the base stood when it began.
+    forward: Vector2<f64>,
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Balance {
+    model: Model,
+    data: Data,
+    feet: Vec<Foot>,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    /// Velocities of the joints, low-passed, rad/s.
+    dq: Vec<f64>,
+    a: Vec<f64>,
+    zeros: Vec<f64>,
+    bias: Vec<f64>,
+    torque: Vec<f64>,
+    /// Joints between the base and a foot that stands.
+    carries: Vec<bool>,
+    equations: LeastSquares,
+    led: Option<Led>,
+    gravity: f64,
+}
+
+impl Balance {
+    /// Balance on feet: the frames of their F/T sensors, and their soles. A model with a fixed base, or without feet,
+    /// does not balance; of more than four feet the first four count.
+    #[must_use]
+    pub fn new(model: &Model, feet: &[(usize, Sole)]) -> Option<Self> {
+        let gravity = model.gravity().norm();
+        if model.base() != Base::Floating || feet.is_empty() || gravity <= 0.0 {
+            return None;
+        }
+        let mut model = model.clone();
+        model.set_gravity(Vector3::zeros());
+        let nv = model.nv();
+        let foot = |&(frame, sole): &(usize, Sole)| {
+            let body = model.frames().get(frame)?.body;
+            let joints = model.joints().iter().enumerate();
+            let joints = joints.filter(|(_, joint)| model.supports(joint.body, body));
+            Some(Foot {
+                frame,
+                sole,
+                stands: false,
+                joints: joints.map(|(j, _)| j).collect(),
+                at: Se3::identity(),
+                desired: Se3::identity(),
+                jacobian: Matrix6xX::zeros(nv),
+                bias: Motion::zero(),
+                wrench: Vector6::zeros(),
+            })
+        };
+        let feet: Vec<Foot> = feet.iter().take(MAX_FEET).filter_map(foot).collect();
+        let mut q = vec![0.0; model.nq()];
+        q[6] = 1.0;
+        Some(Self {
+            data: Data::new(&model),
+            feet,
+            q,
+            v: vec![0.0; nv],
+            dq: vec![0.0; model.joint_count()],
+            a: vec![0.0; nv],
+            zeros: vec![0.0; nv],
+            bias: vec![0.0; nv],
+            torque: vec![0.0; model.joint_count()],
+            carries: vec![false; model.joint_count()],
+            equations: LeastSquares::new(nv),
+            led: None,
+            gravity,
+            model,
+        })
+    }
+
+    /// It begins anew in the next cycle.
+    pub fn restart(&mut self) {
+        self.led = None;
+    }
+
+    /// The torques of this cycle, N·m, in the order of the model, and how the robot stands; none on no foot.
+    pub fn update(&mut self, input: &BalanceInput<'_>) -> Option<(&[f64], Balanced)> {
+        self.smooth(input);
+        self.place(input);
+        let floor = self.floor(input)?;
+        self.move_base();
+        let up: Vector3<f64> = floor.axes.column(2).into();
+        self.set_dynamics(&up);
+        let (task, mut balanced) = self.lead_center(&floor, input)?;
+        self.set_equations(&floor, &task, input);
+        self.a.fill(0.0);
+        self.set_posture(input);
+        balanced.solved = self.equations.solve(&mut self.a);
+        if !balanced.solved {
+            self.a.fill(0.0);
+        }
+        self.carry();
+        Some((&self.torque, balanced))
+    }
+
+    /// The wrench of the ground on the sensor of a foot, in the sensor's axes, that the last torques count on.
+    #[must_use]
+    pub fn wrench(&self, foot: usize) -> Wrench {
+        let foot = self.feet.get(foot).filter(|foot| foot.stands);
+        foot.map_or(Wrench::default(), |foot| {
+            let (force, torque) = at_sensor(&foot.wrench, &foot.at);
+            Wrench {
+                force: force.into(),
+                torque: torque.into(),
+            }
+        })
+    }
+
+    /// The joint (in the order of the model) is between the base and a foot that stands.
+    #[must_use]
+    pub fn carries(&self, joint: usize) -> bool {
+        self.carries.get(joint).copied().unwrap_or(false)
+    }
+
+    /// Follows the velocities of the joints.
+    fn smooth(&mut self, input: &BalanceInput<'_>) {
+        let step = SMOOTH * input.dt;
+        let share = if self.led.is_none() {
+            1.0
+        } else {
+            step / (1.0 + step)
+        };
+        for (own, dq) in self.dq.iter_mut().zip(input.dq) {
+            *own += share * (dq - *own);
+        }
+    }
+
+    /// Places the feet, in the desired pose and now, in the axes of the base.
+    fn place(&mut self, input: &BalanceInput<'_>) {
+        self.carries.fill(false);
+        for (foot, up) in self.feet.iter_mut().zip(&input.up) {
+            foot.stands = up.is_some();
+            foot.wrench = Vector6::zeros();
+            for &joint in foot.joints.iter().filter(|_| foot.stands) {
+                if let Some(carries) = self.carries.get_mut(joint) {
+                    *carries = true;
+                }
+            }
+        }
+        for (k, pose) in [input.desired[0], input.q].into_iter().enumerate() {
+            for (own, q) in self.q.iter_mut().skip(7).zip(pose) {
+                *own = *q;
+            }
+            forward_kinematics(&self.model, &mut self.data, &self.q);
+            for foot in &mut self.feet {
+                let at = frame_placement(&self.model, &self.data, foot.frame);
+                if k == 0 {
+                    foot.desired = at;
+                } else {
+                    foot.at = at;
+                }
+            }
+        }
+        for foot in self.feet.iter_mut().filter(|foot| foot.stands) {
+            let (model, world) = (&self.model, ReferenceFrame::World);
+            frame_jacobian(model, &self.data, foot.frame, world, &mut foot.jacobian);
+        }
+    }
+
+    /// The floor in the axes of the base.
+    fn floor(&self, input: &BalanceInput<'_>) -> Option<Floor> {
+        let feet = self.feet.iter().zip(&input.up);
+        let up = feet.filter_map(|(foot, up)| up.as_ref().map(|up| foot.at.rotation * up));
+        let up = up.sum::<Vector3<f64>>().try_normalize(0.1)?;
+        let first = self.feet.iter().find(|foot| foot.stands)?;
+        let along = first.at.rotation * first.sole.axes().column(0);
+        let forward = (along - up * up.dot(&along)).try_normalize(0.1)?;
+        Some(Floor {
+            origin: first.at.act_point(first.sole.origin()),
+            axes: Matrix3::from_columns(&[forward, up.cross(&forward), up]),
+        })
+    }
+
+    /// The velocity of the base: the mean of those with which each foot stands still.
+    fn move_base(&mut self) {
+        let mut base = Vector6::zeros();
+        let mut feet = 0.0;
+        for foot in self.feet.iter().filter(|foot| foot.stands) {
+            for (column, dq) in foot.jacobian.column_iter().skip(6).zip(&self.dq) {
+                base -= column * *dq;
+            }
+            feet += 1.0;
+        }
+        base /= f64::max(feet, 1.0);
+        let own = base.iter().chain(&self.dq);
+        for (v, own) in self.v.iter_mut().zip(own) {
+            *v = *own;
+        }
+    }
+
+    /// Mass matrix, what gravity and velocities make, and the feet's accelerations without any of the joints'.
+    fn set_dynamics(&mut self, up: &Vector3<f64>) {
+        forward_kinematics_acceleration(&self.model, &mut self.data, &self.q, &self.v, &self.zeros);
+        for foot in self.feet.iter_mut().filter(|foot| foot.stands) {
+            let world = ReferenceFrame::World;
+            foot.bias = frame_acceleration(&self.model, &self.data, foot.frame, world);
+        }
+        self.a.fill(0.0);
+        for (a, up) in self.a.iter_mut().zip(up.iter()) {
+            *a = self.gravity * up;
+        }
+        let bias = rnea(&self.model, &mut self.data, &self.q, &self.v, &self.a, None);
+        for (own, bias) in self.bias.iter_mut().zip(bias) {
+            *own = *bias;
+        }
+        crba(&self.model, &mut self.data, &self.q);
+    }
+
+    /// The acceleration of the centre of mass, on the floor, that leads it to its place, as far as the soles can hold it.
+    fn lead_center(
+        &mut self,
+        floor: &Floor,
+        input: &BalanceInput<'_>,
+    ) -> Option<(Vector2<f64>, Balanced)> {
+        let center = center_of_mass(&self.model, &self.data);
+        let height = floor.axes.column(2).dot(&(center - floor.origin));
+        let m = self.data.mass_matrix();
+        let mass = m[(0, 0)];
+        let rate = Vector3::from_fn(|k, _| {
+            let products = m.column(k).into_iter().zip(&self.v).map(|(m, v)| m * v);
+            products.sum::<f64>() / mass
+        });
+        let (at, rate) = (floor.of(&center), floor.axes.tr_mul(&rate).xy());
+        let pendulum = (self.gravity / height.max(0.05)).sqrt();
+
+        let soles = Soles::new(&self.feet, floor)?;
+        let depth = depth(soles.hull(), at + rate / pendulum);
+        let led = self.lead(floor, (at, &soles), input);
+        let (near, far) = (pendulum, QUICKER * pendulum);
+        let wanted = near * far * (led.at - at) + (near + far) * (led.rate - rate);
+        let pressure = at - wanted / (pendulum * pendulum);
+        let pressure = soles.middle + nearest_within(soles.held(), 1.0, pressure - soles.middle);
+        let balanced = Balanced {
+            off: (at - led.at).into(),
+            depth,
+            solved: false,
+        };
+        Some(((at - pressure) * pendulum * pendulum, balanced))
+    }
+
+    /// Leads the place for the centre of mass towards the middle of the soles and what is asked for besides.
+    fn lead(
+        &mut self,
+        floor: &Floor,
+        (at, soles): (Vector2<f64>, &Soles),
+        input: &BalanceInput<'_>,
+    ) -> Led {
+        let led = self.led.get_or_insert_with(|| {
+            let forward = floor.axes.tr_mul(&Vector3::x()).xy();
+            Led {
+                at,
+                rate: Vector2::zeros(),
+                forward: forward.try_normalize(0.1).unwrap_or(Vector2::x()),
+            }
+        });
+        let [forward, left] = input.offset;
+        let offset = led.forward * forward + Vector2::new(-led.forward.y, led.forward.x) * left;
+        let target = soles.middle + nearest_within(soles.held(), REACH, offset);
+        let pull = LEADS * LEADS * (target - led.at) - 2.0 * LEADS * led.rate;
+        led.rate += pull * input.dt;
+        led.at += led.rate * input.dt;
+        *led
+    }
+
+    /// Feet stand still, the centre of mass is accelerated so, the base turns back.
+    fn set_equations(&mut self, floor: &Floor, task: &Vector2<f64>, input: &BalanceInput<'_>) {
+        let [carrying, besides, of_base] = WEIGHTS;
+        let (base, joints) = (self.equations.inverse_weights).split_at_mut(6);
+        base.fill(1.0 / of_base);
+        for (inverse, carries) in joints.iter_mut().zip(&self.carries) {
+            *inverse = 1.0 / if *carries { carrying } else { besides };
+        }
+        let [still, center, turn] = SOFTNESS;
+        self.equations.clear();
+        for foot in self.feet.iter().filter(|foot| foot.stands) {
+            let rows = foot.jacobian.row_iter();
+            for (row, bias) in rows.zip(foot.bias.to_array()) {
+                let own = self.equations.equation(-bias, still);
+                own.iter_mut().zip(row.iter()).for_each(|(x, j)| *x = *j);
+            }
+        }
+        let m = self.data.mass_matrix();
+        let mass = m[(0, 0)];
+        for (axis, wanted) in floor.axes.column_iter().zip(task.iter()) {
+            let along = |momentum: &[f64]| -> f64 {
+                let products = momentum.iter().zip(axis.iter()).map(|(p, t)| p * t);
+                products.sum::<f64>() / mass
+            };
+            let bias = along(self.bias.get(..3).unwrap_or_default());
+            let row = self.equations.equation(wanted - bias, center);
+            for (x, column) in row.iter_mut().zip(m.column_iter()) {
+                *x = along(&[column[0], column[1], column[2]]);
+            }
+        }
+        for (k, wanted) in self.turn(input).iter().enumerate() {
+            let row = self.equations.equation(*wanted, turn);
+            if let Some(x) = row.get_mut(3 + k) {
+                *x = 1.0;
+            }
+        }
+    }
+
+    /// The angular acceleration that turns the base to where the desired pose has it, against the feet.
+    fn turn(&self, input: &BalanceInput<'_>) -> Vector3<f64> {
+        let (mut error, mut feet) = (Vector3::zeros(), 0.0);
+        let mut desired = [Vector3::zeros(); 2];
+        for foot in self.feet.iter().filter(|foot| foot.stands) {
+            let e = foot.at.rotation * foot.desired.rotation.transpose();
+            error += 0.5 * Vector3::new(e.m32 - e.m23, e.m13 - e.m31, e.m21 - e.m12);
+            let motions = [input.desired[1], input.desired[2]];
+            for (own, motion) in desired.iter_mut().zip(motions) {
+                for (column, x) in foot.jacobian.column_iter().skip(6).zip(motion) {
+                    *own -= column.fixed_rows::<3>(3) * *x;
+                }
+            }
+            feet += 1.0;
+        }
+        let feet = f64::max(feet, 1.0);
+        let [rate, acceleration] = desired.map(|x| x / feet);
+        let now = Vector3::from_fn(|k, _| self.v.get(3 + k).copied().unwrap_or(0.0));
+        let back = error / feet * TURNS_BACK * TURNS_BACK + 2.0 * TURNS_BACK * (rate - now);
+        (acceleration + back).map(|x| x.clamp(-MOST_TURN, MOST_TURN))
+    }
+
+    /// The accelerations that the joints would have by their posture alone; those that springs hold, by their reference.
+    fn set_posture(&mut self, input: &BalanceInput<'_>) {
+        let [q_d, dq_d, ddq_d] = input.desired;
+        let at = |x: &[f64], j: usize| x.get(j).copied().unwrap_or(0.0);
+        for (j, (a, carries)) in self.a.iter_mut().skip(6).zip(&self.carries).enumerate() {
+            let mut wanted = at(ddq_d, j);
+            if *carries {
+                wanted += POSTURE * POSTURE * (at(q_d, j) - at(input.q, j))
+                    + 2.0 * POSTURE * (at(dq_d, j) - at(&self.dq, j));
+            }
+            *a = wanted.clamp(-MOST_TURN, MOST_TURN);
+        }
+    }
+
+    /// The ground's wrenches and the torques at these accelerations.
+    fn carry(&mut self) {
+        let m = self.data.mass_matrix();
+        let row = |k: usize, bias: f64| {
+            // Symmetric: a column is a row.
+            let products = m.column(k).into_iter().zip(&self.a).map(|(m, a)| m * a);
+            bias + products.sum::<f64>()
+        };
+        let bias = |k: usize| self.bias.get(k).copied().unwrap_or(0.0);
+        let total = Vector6::from_fn(|k, _| row(k, bias(k)));
+        for (j, torque) in self.torque.iter_mut().enumerate() {
+            *torque = row(6 + j, bias(6 + j));
+        }
+        let mut feet = [None; MAX_FEET];
+        for (place, foot) in feet.iter_mut().zip(&self.feet) {
+            let at = foot.at;
+            *place = foot.stands.then_some(Sharing {
+                sole: &foot.sole,
+                at,
+            });
+        }
+        let wrenches = share(&total, &feet);
+        for (foot, wrench) in self.feet.iter_mut().zip(wrenches) {
+            foot.wrench = wrench;
+            //= D12: tau = M ddq + h - J^T f
+            for &j in foot.joints.iter().filter(|_| foot.stands) {
+                if let Some(torque) = self.torque.get_mut(j) {
+                    *torque -= foot.jacobian.column(6 + j).dot(&wrench);
+                }
+            }
+        }
+    }
+}
