@@ -15,8 +15,10 @@ mod sensors;
 mod shown;
 mod status;
 mod store;
+mod stretch;
 
 use crate::output::finish_or_refuse;
+use crate::spool::return_memory;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -70,6 +72,7 @@ struct RollbackArguments {
 }
 
 pub(crate) fn run(arguments: &CalibrateArguments) -> ExitCode {
+    return_memory();
     match &arguments.what {
         None => everything::run(&arguments.runs),
         Some(What::Inertia(arguments)) => inertia::run(arguments),

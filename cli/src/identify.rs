@@ -11,7 +11,7 @@ use crate::recorded;
 use crate::requests::end;
 use clap::{Args, Subcommand, ValueEnum};
 use found::{Found, Motor};
-use identification::drive::recorded::{Gather, knowledge, motor_rows};
+use identification::drive::recorded::{DriveSample, Gather, knowledge, motor_rows};
 use identification::drive::{DriveKnowledge, DriveLog, identify};
 use identification::motor::{self, Method};
 use problem::{Problem, Problems, listed};
@@ -234,13 +234,15 @@ impl Recorded {
             let problem = Problem::new(format!("--joint: the robot has no joint {name:?}"), names);
             return Err(problem.into());
         };
-        let mut gather = Gather::new(index, &joints[index], header.period_s);
+        let mut gather = Gather::new(&joints[index], header.period_s);
         let mut begin = None;
         let ending = recorded::read_all(path, &mut run, |_, message| {
             let sync = message.at.sync.0;
             let t = recorded::ms_between(*begin.get_or_insert(sync), sync) * 1e-3;
             let since_sync = recorded::ms_between(sync, message.at.now.0) * 1e-3;
-            gather.take(t, &message.record.cycle, since_sync);
+            if let Some(sample) = DriveSample::of(&message.record.cycle, index, since_sync) {
+                gather.take(t, &sample);
+            }
             Ok(())
         })?;
         let remark = (ending != Ending::Complete)

@@ -32,6 +32,7 @@ mod replay;
 mod report;
 mod requests;
 mod rows;
+mod spool;
 mod stand;
 mod state;
 mod tare;

@@ -10,6 +10,7 @@ use clap::Args;
 use problem::{Problem, Problems};
 use robot::{Payload, ReferenceRobot};
 use std::fmt::Write as _;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use torques::{RobotLog, Torques};
@@ -102,8 +103,10 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
             }
             let _ = writeln!(report, "  F/T sensor {name}: {}", verdict.line());
         }
-        for (joint, name) in robot.joints.iter().enumerate() {
-            let (low, high, sigma) = torques.range(joint);
+        let all = (0..robot.joints.len()).map(|joint| torques.of(joint));
+        let all = all.collect::<Result<Vec<_>, _>>()?;
+        for (of_joint, name) in all.iter().zip(&robot.joints) {
+            let (low, high, sigma) = range(of_joint, torques.rows());
             let _ = writeln!(
                 report,
                 "  {name}: {low:.3} to {high:.3} N·m, sigma {sigma:.3} N·m RMS"
@@ -112,7 +115,7 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
         let stem = path
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        files.extend(texts(&robot, &log, &torques, &stem));
+        files.extend(texts(&robot, &log, (&all, torques.rows()), &stem));
     }
     if !problems.is_empty() {
         return Err(Problems(problems));
@@ -135,11 +138,24 @@ fn reference(arguments: &ReferenceArguments) -> Result<String, Problems> {
     Ok(report)
 }
 
+/// Torques of a joint and their sigmas, by row.
+type OfJoint = [Vec<f64>; 2];
+
+/// Smallest and largest torque of a joint, and its RMS sigma.
+fn range([tau, sigma]: &OfJoint, rows: Range<usize>) -> (f64, f64, f64) {
+    let (mut low, mut high, mut square, count) = (f64::MAX, f64::MIN, 0.0, rows.len());
+    for i in rows {
+        (low, high) = (low.min(tau[i]), high.max(tau[i]));
+        square += sigma[i] * sigma[i];
+    }
+    (low, high, (square / count.max(1) as f64).sqrt())
+}
+
 /// The files of one log: names and texts.
 fn texts(
     robot: &ReferenceRobot,
     log: &RobotLog,
-    torques: &Torques,
+    (torques, rows): (&[OfJoint], Range<usize>),
     stem: &str,
 ) -> Vec<(String, String)> {
     let mut all = "t".to_owned();
@@ -147,28 +163,26 @@ fn texts(
         let _ = write!(all, ",{name}.tau,{name}.sigma");
     });
     all.push('\n');
-    for i in torques.rows() {
+    for i in rows.clone() {
         let _ = write!(all, "{}", log.t[i]);
-        for joint in 0..robot.joints.len() {
-            let (tau, sigma) = torques.at(joint, i);
-            let _ = write!(all, ",{tau},{sigma}");
+        for [tau, sigma] in torques {
+            let _ = write!(all, ",{},{}", tau[i], sigma[i]);
         }
         all.push('\n');
     }
     let mut files = vec![(format!("{stem}.torques.csv"), all)];
-    for (joint, name) in robot.joints.iter().enumerate() {
+    for ([tau, sigma], name) in torques.iter().zip(&robot.joints) {
         let Some([theta, q, current]) = log.drive(name) else {
             continue;
         };
         let feed_forward = log.feed_forward(name);
         let further = feed_forward.map_or("", |_| ",tau_feedforward");
         let mut text = format!("t,theta,q,i,tau_sensor,sigma_sensor{further}\n");
-        for i in torques.rows() {
-            let (tau, sigma) = torques.at(joint, i);
+        for i in rows.clone() {
             let _ = write!(
                 text,
-                "{},{},{},{},{tau},{sigma}",
-                log.t[i], theta[i], q[i], current[i]
+                "{},{},{},{},{},{}",
+                log.t[i], theta[i], q[i], current[i], tau[i], sigma[i]
             );
             if let Some(model) = feed_forward {
                 let _ = write!(text, ",{}", model[i]);

@@ -72,6 +72,10 @@ impl Traces {
             names.push("fused".to_owned());
         }
         let mut traces = Self::new(joint, &names);
+        // Of long logs no more than they take.
+        traces.moments.reserve_exact(rows.len());
+        let each = traces.estimates.iter_mut();
+        each.for_each(|trace| trace.reserve_exact(rows.len()));
         let mut last = None;
         for row in rows {
             front_end.bridge(last.replace(row.t), row.t);

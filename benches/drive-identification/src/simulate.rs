@@ -5,7 +5,7 @@ use can_codec::{Frames, MAX_FRAMES};
 use cycle::{ClientInput, Cycle, Instants, Stamp};
 use dynamics::Base;
 use identification::drive::chirp::Chirp;
-use identification::drive::recorded::{Gather, knowledge};
+use identification::drive::recorded::{DriveSample, Gather, knowledge};
 use identification::drive::{DriveKnowledge, DriveLog};
 use plant::parameters::HarnessParameters;
 use plant::{CanRobot, SimParameters};
@@ -78,7 +78,7 @@ pub(crate) fn run(
     }
     let dt = p.timing.sample_period;
     let mut gather: Vec<Gather> = (joints.iter())
-        .map(|&j| Gather::new(j, &p.joints[j], dt))
+        .map(|&j| Gather::new(&p.joints[j], dt))
         .collect();
     let chirps: Vec<Chirp> = (joints.iter())
         .map(|&j| {
@@ -123,7 +123,11 @@ pub(crate) fn run(
             let motion = t - REST_S;
             if motion > 0.0 && motion < chirps[0].duration && record.mode == reference.mode {
                 let stamp = now as f64 * 1e-9;
-                gather.iter_mut().for_each(|g| g.take(stamp, record, 0.0));
+                for (gather, &j) in gather.iter_mut().zip(joints) {
+                    if let Some(sample) = DriveSample::of(record, j, 0.0) {
+                        gather.take(stamp, &sample);
+                    }
+                }
             }
             reference.sequence += 1;
             reference.mode = Mode::InverseDynamics.number();

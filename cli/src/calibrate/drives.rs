@@ -2,7 +2,8 @@
 
 use crate::identify::found::{Found, Setting};
 use crate::recorded;
-use identification::drive::recorded::{Gather, knowledge};
+use crate::spool::{Column, Spool, each_row};
+use identification::drive::recorded::{DriveSample, Gather, knowledge};
 use identification::drive::{DriveLog, DriveStretch, identify};
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
@@ -62,21 +63,13 @@ pub(super) fn all(
     progress: &mut dyn FnMut(f64, &str),
 ) -> Result<Vec<DriveResult>, Problem> {
     let joints = &robot.parameters.joints;
-    let mut logs: Vec<Option<(DriveLog, f64)>> = joints.iter().map(|_| None).collect();
+    let mut runs = Vec::new();
     for (k, path) in paths.iter().enumerate() {
         progress(0.3 * k as f64 / paths.len() as f64, "drives");
-        for (log, next) in logs.iter_mut().zip(read(robot, path)?) {
-            match log {
-                Some((log, seconds)) => {
-                    log.stretches.extend(next.0.stretches);
-                    *seconds += next.1;
-                }
-                None => *log = Some(next),
-            }
-        }
+        runs.push(read(robot, path)?);
     }
     let mut kinds: Vec<DriveResult> = Vec::new();
-    for (k, (joint, log)) in joints.iter().zip(logs).enumerate() {
+    for (k, joint) in joints.iter().enumerate() {
         progress(0.3 + 0.7 * k as f64 / joints.len() as f64, &joint.name);
         let place = kinds.iter().position(|kind| kind.name == joint.drive);
         let place = place.unwrap_or_else(|| {
@@ -89,8 +82,9 @@ pub(super) fn all(
             kinds.len() - 1
         });
         let kind = &mut kinds[place];
-        let shown = log.filter(|(_, seconds)| *seconds >= LEAST_FAST_S);
-        match shown.map(|(log, _)| one(joint, &log)) {
+        let (log, seconds) = of_joint(&runs, k, joint)?;
+        let shown = (seconds >= LEAST_FAST_S).then(|| one(joint, &log));
+        match shown {
             Some(Ok(settings)) => {
                 kind.joints.push(joint.name.clone());
                 settings.iter().for_each(|s| kind.take(s));
@@ -105,29 +99,72 @@ pub(super) fn all(
     Ok(kinds)
 }
 
-/// The joints' logs of a run: fast motion and what is about it, and the time of fast motion, s.
-fn read(robot: &Robot, path: &Path) -> Result<Vec<(DriveLog, f64)>, Problem> {
+/// A run as drives' logs take it.
+struct DriveRun {
+    period: f64,
+    /// t.
+    t: Column,
+    /// By joint.
+    samples: Vec<[Column; DriveSample::LEN]>,
+}
+
+fn read(robot: &Robot, path: &Path) -> Result<DriveRun, Problem> {
     let mut run = recorded::open_with_inputs(path)?;
-    let period = run.header().period_s;
-    let joints = &robot.parameters.joints;
-    let gathers = joints.iter().enumerate();
-    let mut gathers: Vec<Gather> = gathers
-        .map(|(j, joint)| Gather::new(j, joint, period))
-        .collect();
+    let spool = Spool::new()?;
+    let column = || Column::new(&spool);
+    let joints = robot.parameters.joints.iter();
+    let mut kept = DriveRun {
+        period: run.header().period_s,
+        t: column(),
+        samples: joints.map(|_| std::array::from_fn(|_| column())).collect(),
+    };
     let mut begin = None;
     recorded::read_all(path, &mut run, |_, message| {
         let sync = message.at.sync.0;
         let t = recorded::ms_between(*begin.get_or_insert(sync), sync) * 1e-3;
         let since_sync = recorded::ms_between(sync, message.at.now.0) * 1e-3;
-        for gather in &mut gathers {
-            gather.take(t, &message.record.cycle, since_sync);
+        kept.t.push(t)?;
+        for (j, columns) in kept.samples.iter_mut().enumerate() {
+            let sample = DriveSample::of(&message.record.cycle, j, since_sync);
+            let values = sample.map_or([0.0; _], |sample| sample.to_array());
+            for (column, value) in columns.iter_mut().zip(values) {
+                column.push(value)?;
+            }
         }
         Ok(())
     })?;
-    let logs = joints.iter().zip(gathers);
-    Ok(logs
-        .map(|(joint, gather)| fast(joint, gather.end()))
-        .collect())
+    Ok(kept)
+}
+
+/// A joint's log of all runs: fast motion and what is about it, and the time of fast motion, s.
+fn of_joint(
+    runs: &[DriveRun],
+    j: usize,
+    joint: &JointParameters,
+) -> Result<(DriveLog, f64), Problem> {
+    let mut all: Option<(DriveLog, f64)> = None;
+    for run in runs {
+        let mut gather = Gather::new(joint, run.period);
+        let columns: Vec<&Column> = [&run.t].into_iter().chain(&run.samples[j]).collect();
+        each_row(&columns, |_, row| {
+            if let [t, sample @ ..] = row
+                && let Ok(sample) = <[f64; DriveSample::LEN]>::try_from(sample)
+            {
+                gather.take(*t, &DriveSample::from_array(sample));
+            }
+            Ok(())
+        })?;
+        let (log, seconds) = fast(joint, gather.end());
+        match &mut all {
+            Some(all) => {
+                all.0.stretches.extend(log.stretches);
+                all.1 += seconds;
+            }
+            None => all = Some((log, seconds)),
+        }
+    }
+    let nothing = || Problem::new("no recording", "recordings of the robot");
+    all.ok_or_else(nothing)
 }
 
 /// The parts of a log with fast motion and some time about each, and the time of fast motion, s.

@@ -45,6 +45,7 @@ What to record (docs/bring-up.md): slow motion of every joint both ways over the
 some faster motion, and the loads that matter later: for legs in a harness and standing. Two minutes each.
 What the recordings do not determine is named and stays at the configuration's value, with its width. A
 quarter of each recording is held out from a first fit, which is judged on it.
+Columns of the recordings lie meanwhile in a file without a name in the folder TMPDIR, or /var/tmp.
 
 The folder DIR holds a joint file for each joint, the URDF with the inertias found, and calibration.toml:
 dates and hashes of the recordings, robot, figures, and every key that a commit would set. It is written at
@@ -273,7 +274,10 @@ fn correct(
             for stretch in &mut run.stretches {
                 for (k, axis) in stretch.signals.ft[s].iter_mut().enumerate() {
                     let change = stretch.offsets[s][k] - published[k];
-                    axis.iter_mut().for_each(|x| *x += change);
+                    axis.change(|values| {
+                        values.iter_mut().for_each(|x| *x += change);
+                        Ok(())
+                    })?;
                 }
             }
         }

@@ -1,11 +1,13 @@
 //! The joint file of every joint from recorded runs.
 
 use super::runs::{InContact, RecordedRun, model_sigma};
+use super::stretch::Stretch;
 use crate::reference::torques::Torques;
 use crate::report::{self, Traces};
+use crate::spool::{Column, Spool, each_row};
 use identification::all::{Fitted, LoadedKnowledge, fit_loaded};
-use identification::inputs::{LogKind, inspect};
-use identification::joined::{Zeros, joined};
+use identification::inputs::{LogKind, inspect_rows};
+use identification::joined::{Shift, Zeros, joined};
 use identification::log::LogRow;
 use identification::record::ReferenceErrors;
 use joint_file::{JointFile, JointTable};
@@ -14,8 +16,8 @@ use robot_config::{JointParameters, Robot};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::io;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use torqued_client::robot_state::JointKind;
 
 /// Torsion of a usual gear at its rated torque, rad (Z Table I: 1.9e-3; catalogues: 1.3e-3 to 2.4e-3).
@@ -32,9 +34,58 @@ const LEAST_MOTION: f64 = 0.063;
 const SLIPPED_SIGMAS: f64 = 4.0;
 const SLIPPED_TORQUE: f64 = 0.1;
 
+/// Rows of joints that are fitted at the same time, at most, where that is more than one joint: a fit takes about 200
+/// bytes for each.
+const IN_MEMORY: usize = 500_000;
+
+/// A joint's rows of a run: t, theta, q, current and reference torque.
+struct Log([Column; 5]);
+
+impl Log {
+    /// Columns.
+    const Q: usize = 2;
+    const TORQUE: usize = 4;
+
+    fn new(spool: &Arc<Spool>) -> Self {
+        Self(std::array::from_fn(|_| Column::new(spool)))
+    }
+
+    fn push(&mut self, row: &LogRow) -> Result<(), Problem> {
+        let values = [row.t, row.theta, row.q, row.current, row.tau_sensor];
+        let mut both = self.0.iter_mut().zip(values);
+        both.try_for_each(|(column, value)| column.push(value))
+    }
+
+    fn of(spool: &Arc<Spool>, rows: &[LogRow]) -> Result<Self, Problem> {
+        let mut log = Self::new(spool);
+        rows.iter().try_for_each(|row| log.push(row))?;
+        Ok(log)
+    }
+
+    fn len(&self) -> usize {
+        self.0[0].len()
+    }
+
+    fn rows(&self) -> Result<Vec<LogRow>, Problem> {
+        let mut rows = Vec::with_capacity(self.len());
+        each_row(&self.0.each_ref(), |_, row| {
+            rows.push(LogRow {
+                t: row[0],
+                theta: row[1],
+                q: row[2],
+                current: row[3],
+                tau_sensor: row[4],
+                feed_forward: f64::NAN,
+            });
+            Ok(())
+        })?;
+        Ok(rows)
+    }
+}
+
 /// A joint's rows of every run, and how well the reference is known.
 struct JointLogs {
-    runs: Vec<Vec<LogRow>>,
+    runs: Vec<Log>,
     /// Least decile of the reference's sigma, N·m.
     floor: f64,
     /// Share of the torque by which the masses may have it wrong: less where F/T sensors weigh them.
@@ -97,6 +148,13 @@ pub(crate) fn data_sheet(joint: &JointParameters, period: f64) -> JointFile {
     })
 }
 
+impl JointLogs {
+    /// Rows of all runs.
+    fn len(&self) -> usize {
+        self.runs.iter().map(Log::len).sum()
+    }
+}
+
 /// References of all joints in all runs.
 pub(crate) struct References {
     /// By joint.
@@ -114,10 +172,11 @@ impl References {
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self, Problem> {
         let joints = runs.first().map_or(0, |run| run.header.joints.len());
-        let mut sigmas = vec![Vec::new(); joints];
+        let spool = Spool::new()?;
+        let mut sigmas: Vec<Column> = (0..joints).map(|_| Column::new(&spool)).collect();
         let mut logs: Vec<JointLogs> = (0..joints)
             .map(|_| JointLogs {
-                runs: vec![Vec::new(); runs.len()],
+                runs: runs.iter().map(|_| Log::new(&spool)).collect(),
                 floor: 0.0,
                 gain: 0.0,
             })
@@ -131,33 +190,19 @@ impl References {
                     contact_set: stretch.contact_set,
                 };
                 let torques = Torques::new(&contact, &stretch.signals, window)?;
-                let kinds = run.robot.parameters.joints.iter().map(|joint| joint.kind);
-                for ((j, log), kind) in logs.iter_mut().enumerate().zip(kinds) {
-                    let r = match kind {
-                        JointKind::Prismatic => RADIUS,
-                        JointKind::Revolute => 1.0,
-                    };
-                    let (q, drive) = (&stretch.signals.angles[j], &stretch.drives[j]);
-                    for i in torques.rows().filter(|&i| drive.used[i]) {
-                        let (torque, sigma) = torques.at(j, i);
-                        log.runs[k].push(LogRow {
-                            t: stretch.signals.t[i],
-                            theta: drive.theta[i],
-                            q: q[i] / r,
-                            current: drive.current[i],
-                            tau_sensor: torque * r,
-                            feed_forward: f64::NAN,
-                        });
-                        sigmas[j].push(sigma * r);
-                    }
+                for (j, (log, sigmas)) in logs.iter_mut().zip(&mut sigmas).enumerate() {
+                    let kind = run.robot.parameters.joints[j].kind;
+                    let log = &mut log.runs[k];
+                    take(stretch, &torques, (j, kind), log, sigmas)?;
                 }
                 done += 1;
                 progress(done as f64 / all.max(1) as f64);
             }
         }
         let most = runs.first().map_or(0.0, |run| model_sigma(&run.robot));
-        for (log, sigmas) in logs.iter_mut().zip(&mut sigmas) {
-            log.gain = gain(log, sigmas).min(most);
+        for (log, sigmas) in logs.iter_mut().zip(&sigmas) {
+            let mut sigmas = sigmas.read()?;
+            log.gain = gain(log, &sigmas)?.min(most);
             let place = sigmas.len() / 10;
             if place < sigmas.len() {
                 log.floor = *sigmas.select_nth_unstable_by(place, f64::total_cmp).1;
@@ -167,10 +212,53 @@ impl References {
     }
 }
 
+/// Takes a joint's rows of a stretch, and the sigmas of their references.
+fn take(
+    stretch: &Stretch,
+    torques: &Torques,
+    (joint, kind): (usize, JointKind),
+    log: &mut Log,
+    sigmas: &mut Column,
+) -> Result<(), Problem> {
+    let r = match kind {
+        JointKind::Prismatic => RADIUS,
+        JointKind::Revolute => 1.0,
+    };
+    let (signals, drive) = (&stretch.signals, &stretch.drives[joint]);
+    let [torque, sigma] = torques.of(joint)?;
+    let columns = [
+        &signals.t,
+        &drive.theta,
+        &signals.angles[joint],
+        &drive.current,
+        &drive.used,
+    ];
+    let rows = torques.rows();
+    each_row(&columns, |i, row| {
+        let &[t, theta, q, current, used] = row else {
+            return Ok(());
+        };
+        if !rows.contains(&i) || used == 0.0 {
+            return Ok(());
+        }
+        sigmas.push(sigma[i] * r)?;
+        log.push(&LogRow {
+            t,
+            theta,
+            q: q / r,
+            current,
+            tau_sensor: torque[i] * r,
+            feed_forward: f64::NAN,
+        })
+    })
+}
+
 /// Growth of a reference's sigma with its torque, 1: the regression of one's square on the other's. What the
 /// filters removed goes with the motion instead.
-fn gain(log: &JointLogs, sigmas: &[f64]) -> f64 {
-    let torques = log.runs.iter().flatten().map(|row| row.tau_sensor.powi(2));
+fn gain(log: &JointLogs, sigmas: &[f64]) -> Result<f64, Problem> {
+    let torques = log.runs.iter().map(|run| run.0[Log::TORQUE].read());
+    let torques = torques.collect::<Result<Vec<_>, _>>()?;
+    let torques = torques.iter().flatten().map(|tau| tau.powi(2));
     let pairs = || {
         torques
             .clone()
@@ -182,7 +270,7 @@ fn gain(log: &JointLogs, sigmas: &[f64]) -> f64 {
         let x = x - mean[0];
         [xx + x * x, xy + x * (y - mean[1])]
     });
-    (sums[1] / sums[0].max(f64::MIN_POSITIVE)).max(0.0).sqrt()
+    Ok((sums[1] / sums[0].max(f64::MIN_POSITIVE)).max(0.0).sqrt())
 }
 
 /// Fits all joints of a robot, several at a time; `progress`: the share that is done, and what.
@@ -193,7 +281,14 @@ pub(crate) fn all(
     progress: &(dyn Fn(f64, &str) + Sync),
 ) -> Vec<JointResult> {
     let joints = &robot.parameters.joints;
+    let longest = references
+        .logs
+        .iter()
+        .map(JointLogs::len)
+        .max()
+        .unwrap_or(0);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = threads.min(IN_MEMORY / longest.max(1)).max(1);
     let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let results: Mutex<Vec<(usize, JointResult)>> = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
@@ -251,10 +346,13 @@ fn calibrated(
     inputs: &mut Vec<String>,
 ) -> Result<Calibrated, Vec<String>> {
     let one = |p: Problem| vec![p.to_string()];
-    let (mut undetermined, mut used): (Option<Vec<String>>, Vec<Vec<LogRow>>) = (None, Vec::new());
+    // What is fitted to waits on the disk: of a long run a memory holds few copies.
+    let spool = Spool::new().map_err(one)?;
+    let (mut undetermined, mut used): (Option<Vec<String>>, Vec<Log>) = (None, Vec::new());
     let mut refused = Vec::new();
-    for (name, rows) in names.iter().zip(&logs.runs) {
-        match inspect(sheet, rows, LogKind::Recorded) {
+    for (name, log) in names.iter().zip(&logs.runs) {
+        let rows = log.rows().map_err(one)?;
+        match inspect_rows(sheet, rows, LogKind::Recorded) {
             Ok(inspection) => {
                 let lines = inspection.lines();
                 inputs.extend(lines.into_iter().map(|line| format!("{name}: {line}")));
@@ -267,7 +365,7 @@ fn calibrated(
                     None => open,
                     Some(before) => before.into_iter().filter(|c| open.contains(c)).collect(),
                 });
-                used.push(inspection.mended);
+                used.push(Log::of(&spool, &inspection.mended).map_err(one)?);
             }
             Err(problems) => {
                 refused.extend(problems.0.iter().map(|p| format!("{name}: {p}")));
@@ -282,8 +380,7 @@ fn calibrated(
         Some(radius) => format!("{:.3} mm", 1e3 * radius * angle),
         None => format!("{angle:.5} rad"),
     };
-    let angles = used.iter().flatten().map(|row| row.q);
-    let [low, high] = angles.fold([f64::MAX, f64::MIN], |[a, b], q| [a.min(q), b.max(q)]);
+    let [low, high] = range(&used, Log::Q).map_err(one)?;
     if high - low < LEAST_MOTION {
         return Err(vec![format!(
             "never moves (it spans {}): zero and kinematic error are not determined; allowed: motion over at least {}",
@@ -291,7 +388,7 @@ fn calibrated(
             way(LEAST_MOTION)
         )]);
     }
-    let (rows, shifts) = joined(sheet, used.clone(), Zeros::Common).map_err(one)?;
+    let (_, shifts) = whole(sheet, &used).map_err(one)?;
     let n = sheet.joint.gear_ratio;
     for (shift, sigma) in &shifts {
         let torque = (shift / n).abs() * sheet.joint.stiffness.unwrap_or(0.0);
@@ -311,7 +408,8 @@ fn calibrated(
         },
         zeros_stay: true,
     };
-    let held_out = held_out(sheet, used, known).map_err(one)?;
+    let held_out = held_out(sheet, &used, known).map_err(one)?;
+    let (rows, _) = whole(sheet, &used).map_err(one)?;
     let fitted = fit_loaded(sheet, &rows, known, &mut |_, _| ()).map_err(one)?;
     readable(&fitted, &sheet.joint.name).map_err(one)?;
     let traces = Traces::run(&fitted.joint, &rows).map_err(one)?;
@@ -322,6 +420,22 @@ fn calibrated(
         undetermined: undetermined.unwrap_or_default(),
         html,
     })
+}
+
+/// The rows of all runs one after another, and the shifts between their zeros.
+fn whole(sheet: &JointFile, runs: &[Log]) -> Result<(Vec<LogRow>, Vec<Shift>), Problem> {
+    let logs = runs.iter().map(Log::rows).collect::<Result<_, _>>()?;
+    joined(sheet, logs, Zeros::Common)
+}
+
+/// Smallest and largest number in a column of runs.
+fn range(runs: &[Log], column: usize) -> Result<[f64; 2], Problem> {
+    let mut range = [f64::MAX, f64::MIN];
+    for run in runs {
+        let values = run.0[column].read()?;
+        range = (values.iter()).fold(range, |[a, b], x| [a.min(*x), b.max(*x)]);
+    }
+    Ok(range)
 }
 
 /// Refuses a joint file that the daemon would refuse.
@@ -343,22 +457,21 @@ fn readable(fitted: &Fitted, name: &str) -> Result<(), Problem> {
 }
 
 /// Fits without the last part of each run and judges on it.
-fn held_out(
-    sheet: &JointFile,
-    runs: Vec<Vec<LogRow>>,
-    known: LoadedKnowledge,
-) -> Result<HeldOut, Problem> {
-    let largest = runs.iter().flatten();
-    let largest = largest.fold(0.0f64, |m, row| m.max(row.tau_sensor.abs()));
-    let (mut trained, mut judged) = (Vec::new(), Vec::new());
-    for mut rows in runs {
-        let kept = ((1.0 - HELD_OUT) * rows.len() as f64) as usize;
-        judged.push(rows.split_off(kept));
-        trained.push(rows);
-    }
-    let (trained, _) = joined(sheet, trained, Zeros::Common)?;
-    let joint = fit_loaded(sheet, &trained, known, &mut |_, _| ())?.joint;
-    let (judged, _) = joined(sheet, judged, Zeros::Common)?;
+fn held_out(sheet: &JointFile, runs: &[Log], known: LoadedKnowledge) -> Result<HeldOut, Problem> {
+    let [low, high] = range(runs, Log::TORQUE)?;
+    let largest = low.abs().max(high.abs());
+    let part = |judged: bool| {
+        let logs = runs.iter().map(|run| {
+            let mut rows = run.rows()?;
+            let kept = ((1.0 - HELD_OUT) * rows.len() as f64) as usize;
+            let rest = rows.split_off(kept);
+            Ok(if judged { rest } else { rows })
+        });
+        let logs = logs.collect::<Result<_, Problem>>()?;
+        Ok::<_, Problem>(joined(sheet, logs, Zeros::Common)?.0)
+    };
+    let joint = fit_loaded(sheet, &part(false)?, known, &mut |_, _| ())?.joint;
+    let judged = part(true)?;
     let figures = Traces::run(&joint, &judged)?.fused();
     let r = sheet.joint.radius.unwrap_or(1.0);
     Ok(figures.map_or(HeldOut::default(), |figures| HeldOut {

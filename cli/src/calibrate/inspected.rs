@@ -1,9 +1,10 @@
 //! Inspection of recorded runs: bad samples are bridged or left out before anything is fitted, each kind reported.
 
-use super::runs::Stretch;
 use super::sensors::AXES;
+use super::stretch::Stretch;
+use crate::spool::Column;
 use inspection::{Channel, Quantity, Severity, inspect};
-use problem::Problems;
+use problem::{Problem, Problems};
 use robot_config::Robot;
 use robot_state::JointKind;
 
@@ -21,32 +22,33 @@ pub(super) fn mend(
     notes: &mut Vec<String>,
 ) -> Result<(), Problems> {
     let signals = &mut stretch.signals;
-    let (t, file) = (&signals.t, &signals.file);
+    let (t, file) = (signals.t.read()?, &signals.file);
     let mut problems = Vec::new();
-    let mut channel = |name: &str, quantity, values: &mut Vec<f64>, leave_out: bool| {
-        let found = inspect(
-            t,
-            Channel {
-                name,
-                quantity,
-                values: values.as_slice(),
-            },
-        );
-        for finding in &found.findings {
-            if finding.severity == Severity::Refused {
-                problems.push(finding.problem(file, |_| 0));
-            } else {
-                notes.push(finding.to_string());
+    let mut channel = |name: &str, quantity, column: &mut Column, leave_out: bool| {
+        column.change(|values| {
+            let found = inspect(
+                &t,
+                Channel {
+                    name,
+                    quantity,
+                    values: values.as_slice(),
+                },
+            );
+            for finding in &found.findings {
+                if finding.severity == Severity::Refused {
+                    problems.push(finding.problem(file, |_| 0));
+                } else {
+                    notes.push(finding.to_string());
+                }
             }
-        }
-        *values = found.values;
-        if leave_out {
-            for row in found.lost {
+            *values = found.values;
+            for row in found.lost.into_iter().filter(|_| leave_out) {
                 if let Some(value) = values.get_mut(row) {
                     *value = f64::NAN;
                 }
             }
-        }
+            Ok::<_, Problem>(())
+        })
     };
     let p = &robot.parameters;
     for (joint, angle) in p.joints.iter().zip(&mut signals.angles) {
@@ -55,16 +57,16 @@ pub(super) fn mend(
         } else {
             Quantity::Angle
         };
-        channel(&format!("q of `{}`", joint.name), quantity, angle, false);
+        channel(&format!("q of `{}`", joint.name), quantity, angle, false)?;
     }
     for (ft, axes) in p.ft_sensors.iter().zip(&mut signals.ft) {
         for (name, axis) in AXES.iter().zip(axes) {
             let name = format!("{name} of F/T sensor `{}`", ft.sensor.name);
-            channel(&name, Quantity::Effort, axis, true);
+            channel(&name, Quantity::Effort, axis, true)?;
         }
     }
     for (name, axis) in IMU.iter().zip(signals.imu.iter_mut().flatten()) {
-        channel(&format!("{name} of the IMU"), Quantity::Effort, axis, false);
+        channel(&format!("{name} of the IMU"), Quantity::Effort, axis, false)?;
     }
     if problems.is_empty() {
         Ok(())
@@ -75,31 +77,49 @@ pub(super) fn mend(
 
 #[cfg(test)]
 mod tests {
-    use super::super::runs::Drive;
+    use super::super::stretch::Drive;
     use super::*;
     use crate::reference::torques::Signals;
+    use crate::spool::Spool;
 
     /// Two seconds of the leg: angles that swing, forces that follow.
     fn stretch(robot: &Robot) -> Stretch {
         let t: Vec<f64> = (0..2000).map(|k| 1e-3 * f64::from(k)).collect();
-        let of = |scale: f64, offset: f64| -> Vec<f64> {
-            t.iter().map(|t| offset + scale * (3.0 * t).sin()).collect()
+        let spool = Spool::new().unwrap();
+        let of = |scale: f64, offset: f64| -> Column {
+            let values = t.iter().map(|t| offset + scale * (3.0 * t).sin());
+            Column::of(&spool, &values.collect::<Vec<_>>()).unwrap()
         };
         let p = &robot.parameters;
         let six = || std::array::from_fn(|k| of(5.0, 10.0 + k as f64));
         Stretch {
             signals: Signals {
                 period: 1e-3,
-                angles: vec![of(0.3, 0.5); p.joints.len()],
+                angles: p.joints.iter().map(|_| of(0.3, 0.5)).collect(),
                 ft: p.ft_sensors.iter().map(|_| six()).collect(),
                 imu: Some(six()),
                 file: "run.mcap".to_owned(),
-                t,
+                t: Column::of(&spool, &t).unwrap(),
             },
             contact_set: 0,
             offsets: Vec::new(),
-            drives: p.joints.iter().map(|_| Drive::default()).collect(),
+            drives: p.joints.iter().map(|_| Drive::new(&spool)).collect(),
         }
+    }
+
+    fn columns(stretch: &Stretch) -> Vec<Vec<f64>> {
+        let signals = &stretch.signals;
+        let all = signals.angles.iter().chain(signals.ft.iter().flatten());
+        all.map(|column| column.read().unwrap()).collect()
+    }
+
+    /// Changes one sample.
+    fn set(column: &mut Column, row: usize, change: impl Fn(f64) -> f64) {
+        let set = |values: &mut Vec<f64>| {
+            values[row] = change(values[row]);
+            Ok(())
+        };
+        column.change(set).unwrap();
     }
 
     #[test]
@@ -110,19 +130,18 @@ mod tests {
         let (mut same, mut notes) = (stretch(&robot), Vec::new());
         mend(&robot, &mut same, &mut notes).unwrap();
         assert_eq!(notes, Vec::<String>::new());
-        assert_eq!(same.signals.ft, sound.signals.ft);
-        assert_eq!(same.signals.angles, sound.signals.angles);
+        assert_eq!(columns(&same), columns(&sound));
 
         let mut bad = stretch(&robot);
         for k in [300, 700, 1100] {
-            bad.signals.ft[0][2][k] = 0.0;
-            bad.signals.angles[1][k + 50] = 0.0;
+            set(&mut bad.signals.ft[0][2], k, |_| 0.0);
+            set(&mut bad.signals.angles[1], k + 50, |_| 0.0);
         }
         mend(&robot, &mut bad, &mut notes).unwrap();
-        let of_force = &bad.signals.ft[0][2];
+        let of_force = bad.signals.ft[0][2].read().unwrap();
         let lost: Vec<usize> = (0..2000).filter(|&k| of_force[k].is_nan()).collect();
         assert_eq!(lost, [300, 700, 1100]);
-        for (q, sound) in bad.signals.angles[1].iter().zip(&sound.signals.angles[1]) {
+        for (q, sound) in columns(&bad)[1].iter().zip(&columns(&sound)[1]) {
             assert!((q - sound).abs() < 1e-4, "{q} {sound}");
         }
         let of = |words: &str| notes.iter().filter(|note| note.contains(words)).count();
@@ -135,8 +154,8 @@ mod tests {
         let read = test_support::read_project_file;
         let robot = robot_config::load("config/leg/robot.toml", &read).unwrap();
         let mut bad = stretch(&robot);
-        for q in &mut bad.signals.angles[2][900..] {
-            *q += 0.2;
+        for row in 900..2000 {
+            set(&mut bad.signals.angles[2], row, |q| q + 0.2);
         }
         let refused = mend(&robot, &mut bad, &mut Vec::new()).unwrap_err();
         let [problem] = &refused.0[..] else {

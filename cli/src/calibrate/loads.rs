@@ -1,6 +1,8 @@
 //! Samples of loads from recorded runs: what F/T sensors or joints showed, beside the model.
 
-use super::runs::{RecordedRun, Stretch};
+use super::runs::RecordedRun;
+use super::stretch::Stretch;
+use crate::spool::Column;
 use dynamics::{ImuMotion, Model};
 use identification::load::Sample;
 use identification::load::motion::{Cut, Moving, Source};
@@ -68,7 +70,7 @@ impl Cuts<'_> {
                     touched.extend(names.get(stretch.contact_set).map(|n| (*n).to_owned()));
                     continue;
                 }
-                self.of_stretch(run, (stretch, tare), &mut moving, carrier, &mut all);
+                self.of_stretch(run, (stretch, tare), &mut moving, carrier, &mut all)?;
             }
         }
         if all.samples.is_empty() {
@@ -102,49 +104,56 @@ impl Cuts<'_> {
         moving: &mut Moving<'_>,
         carrier: Option<usize>,
         into: &mut Samples,
-    ) {
+    ) -> Result<(), Problem> {
         let signals = &stretch.signals;
         let (count, period) = (signals.t.len(), signals.period);
         let half = (0.5 * WINDOW_S / period).round().max(2.0) as usize;
         let step = (STEP_S / period).round().max(1.0) as usize;
         if count <= 2 * half + step {
-            return;
+            return Ok(());
         }
-        let filtered = |signal: &[f64], derivative| smooth(signal, derivative, half, period);
+        // Only what is used: all filtered signals of a long run are more than a memory holds.
+        let instants = (half..count - half).step_by(step);
+        let thinned = |signal: &[f64]| instants.clone().map(|i| signal[i]).collect::<Vec<_>>();
+        let filtered = |signal: &Column, derivative| {
+            Ok::<_, Problem>(thinned(&smooth(&signal.read()?, derivative, half, period)))
+        };
         let n = run.robot.model.joint_count();
         let mut motion = [0, 1, 2].map(|_| vec![Vec::new(); n]);
         for (joint, angle) in run.robot.parameters.joints.iter().zip(&signals.angles) {
             for (derivative, of) in motion.iter_mut().enumerate() {
-                of[joint.model_index] = filtered(angle, derivative);
+                of[joint.model_index] = filtered(angle, derivative)?;
             }
         }
-        let imu = signals.imu.as_ref().map(|axes| {
-            let rates = [0, 1, 2].map(|k| filtered(&axes[k], 1));
-            (axes.each_ref().map(|axis| filtered(axis, 0)), rates)
+        let imu = (signals.imu.as_ref()).map(|axes| {
+            let values = axes.iter().map(|axis| filtered(axis, 0));
+            let rates = axes[..3].iter().map(|axis| filtered(axis, 1));
+            values.chain(rates).collect::<Result<Vec<_>, _>>()
         });
-        let readings: Vec<Vec<Vec<f64>>> = (self.cuts.iter())
-            .map(|(_, reading)| match *reading {
-                Reading::Sensor(s) => {
-                    let axes = signals.ft[s].iter();
-                    axes.map(|axis| filtered(axis, 0)).collect()
-                }
-                // Published torques are filtered already.
-                Reading::Joint(j) => {
-                    let of = |k: usize| stretch.drives[j].torque.iter().map(|t| t[k]).collect();
-                    vec![of(0), of(1)]
-                }
-            })
-            .collect();
-        for i in (half..count - half).step_by(step) {
+        let imu = imu.transpose()?;
+        let readings = (self.cuts.iter()).map(|(_, reading)| match *reading {
+            Reading::Sensor(s) => {
+                let axes = signals.ft[s].iter();
+                axes.map(|axis| filtered(axis, 0))
+                    .collect::<Result<Vec<_>, _>>()
+            }
+            // Published torques are filtered already.
+            Reading::Joint(j) => {
+                let both = stretch.drives[j].torque.iter();
+                both.map(|x| Ok(thinned(&x.read()?))).collect()
+            }
+        });
+        let readings = readings.collect::<Result<Vec<_>, Problem>>()?;
+        for i in 0..instants.len() {
             let at = |of: &Vec<Vec<f64>>| -> Vec<f64> {
                 let joints = of.iter();
                 joints.map(|x| x.get(i).copied().unwrap_or(0.0)).collect()
             };
             let three = |axes: &[Vec<f64>]| Vector3::new(axes[0][i], axes[1][i], axes[2][i]);
-            let imu = imu.as_ref().map(|(axes, rates)| ImuMotion {
+            let imu = imu.as_ref().map(|axes| ImuMotion {
                 angular_velocity: three(&axes[..3]),
-                angular_acceleration: three(rates),
-                proper_acceleration: three(&axes[3..]),
+                angular_acceleration: three(&axes[6..]),
+                proper_acceleration: three(&axes[3..6]),
             });
             let [q, dq, ddq] = motion.each_ref().map(at);
             moving.update(&q, &dq, &ddq, imu.as_ref());
@@ -180,6 +189,7 @@ impl Cuts<'_> {
                 into.seconds += step as f64 * period;
             }
         }
+        Ok(())
     }
 }
 

@@ -2,20 +2,22 @@
 //! from.
 
 use super::inspected;
+use super::stretch::Stretch;
 use crate::recorded;
 use crate::reference::robot::{Payload, with_payloads};
-use crate::reference::torques::{Estimated, Signals};
+use crate::reference::torques::Estimated;
+use crate::spool::{Column, Spool};
 use dynamics::Model;
 use identification::drive::recorded::at_sync;
 use problem::{Problem, Problems};
 use recording::{CycleMessage, Ending, Header};
 use robot_config::{FilterGains, Robot, Sampled, Sampling, whole_body_parameters};
-use robot_state::torque_flags::VALID;
 use robot_state::{CycleRecord, DriveState, measured_flags};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
+use std::sync::Arc;
 use whole_body::WholeBodyParameters;
 
 /// Standard deviation of the model's masses where the configuration says that there is none: its default.
@@ -26,12 +28,6 @@ const CHANGE_S: f64 = 0.5;
 const SHORTEST_S: f64 = 1.0;
 /// A step longer than this many periods is a gap.
 const GAP: f64 = 1.5;
-/// Samples with one of these are not fitted to.
-const NOT_USED: u32 = measured_flags::NEVER
-    | measured_flags::MISSED
-    | measured_flags::STALE
-    | measured_flags::JUMP
-    | measured_flags::IMPLAUSIBLE;
 /// Time after enabling within which brakes let go, s.
 const BRAKES_S: f64 = 0.5;
 /// Readings with one of these interrupt what torques are computed from.
@@ -55,31 +51,6 @@ pub(crate) struct RecordedRun {
     pub(crate) stretches: Vec<Stretch>,
 }
 
-/// Cycles without a gap, with one contact set and one tare.
-pub(crate) struct Stretch {
-    pub(crate) signals: Signals,
-    /// Index of the contact set.
-    pub(crate) contact_set: usize,
-    /// Offsets that were subtracted from the F/T sensors' readings, by sensor.
-    pub(crate) offsets: Vec<[f64; 6]>,
-    /// By joint, in config order.
-    pub(crate) drives: Vec<Drive>,
-}
-
-/// Raw samples of one joint beside [`Signals::angles`].
-#[derive(Default)]
-pub(crate) struct Drive {
-    /// theta, rad.
-    pub(crate) theta: Vec<f64>,
-    /// i, A.
-    pub(crate) current: Vec<f64>,
-    /// The sample was measured, not bridged, and the drive was on: of one that is off a brake may carry the torque.
-    pub(crate) used: Vec<bool>,
-    /// Torque from encoders and current as published, and its standard deviation, N·m; NaN where it was not
-    /// valid.
-    pub(crate) torque: Vec<[f64; 2]>,
-}
-
 impl RecordedRun {
     /// Reads a run; `payloads` were on the robot meanwhile.
     ///
@@ -91,18 +62,15 @@ impl RecordedRun {
         let mut run = recorded::open_with_inputs(path)?;
         let header = run.header().clone();
         let robot = robot(&header, payloads, None)?;
-        let mut reader = Reader::new(&robot, &header);
-        let ending = recorded::read_all(path, &mut run, |_, message| {
-            reader.take(message);
-            Ok(())
-        })?;
+        let mut reader = Reader::new(&robot, &header)?;
+        let ending = recorded::read_all(path, &mut run, |_, message| reader.take(message))?;
         let date = recorded::date(&header, reader.begin_ns.unwrap_or(0));
         let mut notes = Vec::new();
         if ending != Ending::Complete {
             let why = recorded::describe_ending(&ending);
             notes.push(why.trim_end().to_owned());
         }
-        let (cycles, mut stretches) = reader.end(&file);
+        let (cycles, mut stretches) = reader.end(&file)?;
         for stretch in &mut stretches {
             inspected::mend(&robot, stretch, &mut notes)?;
         }
@@ -130,12 +98,6 @@ impl RecordedRun {
             seconds,
             stretches,
         })
-    }
-}
-
-impl Stretch {
-    fn seconds(&self) -> f64 {
-        self.signals.t.len() as f64 * self.signals.period
     }
 }
 
@@ -232,13 +194,14 @@ pub(crate) fn hash(path: &Path) -> io::Result<String> {
 /// Gathers stretches while a run is read.
 struct Reader<'a> {
     robot: &'a Robot,
+    spool: Arc<Spool>,
     period: f64,
     begin_ns: Option<u64>,
     cycles: u64,
     last_t: f64,
     stretches: Vec<Stretch>,
     /// Ages of the samples of joints, sensors, IMU in the present stretch, where they have some.
-    ages: Vec<(Source, Sampling, Vec<f64>)>,
+    ages: Vec<(Source, Sampling, Column)>,
     interrupted: bool,
     /// Cycles until each joint's current counts.
     off: Vec<u32>,
@@ -253,7 +216,8 @@ enum Source {
 }
 
 impl<'a> Reader<'a> {
-    fn new(robot: &'a Robot, header: &Header) -> Self {
+    fn new(robot: &'a Robot, header: &Header) -> Result<Self, Problem> {
+        let spool = Spool::new()?;
         let p = &robot.parameters;
         let joints = p.joints.iter().enumerate();
         let fts = p.ft_sensors.iter().enumerate();
@@ -261,7 +225,7 @@ impl<'a> Reader<'a> {
             .map(|(j, joint)| (Source::Joint(j), joint.sampling))
             .chain(fts.map(|(s, ft)| (Source::Ft(s), ft.sampling)))
             .chain(p.imus.first().map(|imu| (Source::Imu, imu.sampling)));
-        Self {
+        Ok(Self {
             robot,
             period: header.period_s,
             begin_ns: None,
@@ -270,11 +234,12 @@ impl<'a> Reader<'a> {
             stretches: Vec::new(),
             ages: sources
                 .filter(|(_, sampling)| !sampling.is_at_sync())
-                .map(|(source, sampling)| (source, sampling, Vec::new()))
+                .map(|(source, sampling)| (source, sampling, Column::new(&spool)))
                 .collect(),
             interrupted: true,
             off: vec![0; p.joints.len()],
-        }
+            spool,
+        })
     }
 
     /// Follows whether the drives are on, and have been for as long as brakes take to let go.
@@ -293,7 +258,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn take(&mut self, message: &CycleMessage) {
+    fn take(&mut self, message: &CycleMessage) -> Result<(), Problem> {
         let record = &message.record.cycle;
         let begin_ns = *self.begin_ns.get_or_insert(message.at.sync.0);
         let t = recorded::ms_between(begin_ns, message.at.sync.0) * 1e-3;
@@ -302,7 +267,7 @@ impl<'a> Reader<'a> {
         self.follow_drives(record);
         if self.is_lost(record) {
             self.interrupted = true;
-            return;
+            return Ok(());
         }
         let contact_set = record.estimated.contact_set as usize;
         let same_tare = |s: &Stretch| {
@@ -314,14 +279,15 @@ impl<'a> Reader<'a> {
             !self.interrupted && !gap && s.contact_set == contact_set && same_tare(s)
         });
         if !goes_on {
-            self.finish_stretch();
-            self.stretches.push(self.empty(contact_set, record));
+            self.finish_stretch()?;
+            let next = Stretch::new(&self.spool, self.robot, self.period, record);
+            self.stretches.push(next);
             self.interrupted = false;
         }
         let Some(stretch) = self.stretches.last_mut() else {
-            return;
+            return Ok(());
         };
-        stretch.push(t, record, &self.off);
+        stretch.push(t, record, &self.off)?;
         let since_sync = recorded::ms_between(message.at.sync.0, message.at.now.0) * 1e-3;
         for (source, sampling, ages) in &mut self.ages {
             let of_stamp = match source {
@@ -332,8 +298,9 @@ impl<'a> Reader<'a> {
             ages.push(match sampling.sampled {
                 Sampled::AtSync => sampling.latency,
                 Sampled::WhenSent { .. } => of_stamp - since_sync + sampling.latency,
-            });
+            })?;
         }
+        Ok(())
     }
 
     /// A joint or a sensor has no reading that torques can be computed from.
@@ -349,117 +316,50 @@ impl<'a> Reader<'a> {
         flags & LOST != 0
     }
 
-    fn empty(&self, contact_set: usize, record: &CycleRecord) -> Stretch {
-        let p = &self.robot.parameters;
-        let n = p.joints.len();
-        let sensors = record.measured.ft.iter().take(p.ft_sensors.len());
-        Stretch {
-            signals: Signals {
-                t: Vec::new(),
-                period: self.period,
-                angles: vec![Vec::new(); n],
-                ft: vec![Default::default(); p.ft_sensors.len()],
-                imu: p.imus.first().map(|_| Default::default()),
-                file: String::new(),
-            },
-            contact_set,
-            offsets: sensors.map(|ft| ft.offset.to_array()).collect(),
-            drives: (0..n).map(|_| Drive::default()).collect(),
-        }
-    }
-
     /// Brings samples of an age to the instants of SYNC.
-    fn finish_stretch(&mut self) {
+    fn finish_stretch(&mut self) -> Result<(), Problem> {
         let Some(stretch) = self.stretches.last_mut() else {
-            return;
+            return Ok(());
+        };
+        let (signals, drives) = (&mut stretch.signals, &mut stretch.drives);
+        let t = match self.ages.is_empty() {
+            true => Vec::new(),
+            false => signals.t.read()?,
         };
         for (source, _, ages) in &mut self.ages {
-            let ages = std::mem::take(ages);
-            match *source {
+            let ages = std::mem::replace(ages, Column::new(&self.spool)).read()?;
+            let columns: Vec<&mut Column> = match *source {
                 Source::Joint(j) => {
-                    let (t, drive) = (&stretch.signals.t, &mut stretch.drives[j]);
-                    at_sync(t, &ages, &mut stretch.signals.angles[j]);
-                    at_sync(t, &ages, &mut drive.theta);
-                    at_sync(t, &ages, &mut drive.current);
+                    let drive = &mut drives[j];
+                    vec![&mut signals.angles[j], &mut drive.theta, &mut drive.current]
                 }
-                Source::Ft(s) => {
-                    let (t, ft) = (&stretch.signals.t, &mut stretch.signals.ft[s]);
-                    ft.iter_mut().for_each(|axis| at_sync(t, &ages, axis));
-                }
-                Source::Imu => {
-                    let (t, imu) = (&stretch.signals.t, &mut stretch.signals.imu);
-                    imu.iter_mut()
-                        .flatten()
-                        .for_each(|axis| at_sync(t, &ages, axis));
-                }
+                Source::Ft(s) => signals.ft[s].iter_mut().collect(),
+                Source::Imu => signals.imu.iter_mut().flatten().collect(),
+            };
+            for column in columns {
+                column.change(|values| {
+                    at_sync(&t, &ages, values);
+                    Ok(())
+                })?;
             }
         }
+        Ok(())
     }
 
-    fn end(mut self, file: &str) -> (u64, Vec<Stretch>) {
-        self.finish_stretch();
+    fn end(mut self, file: &str) -> Result<(u64, Vec<Stretch>), Problem> {
+        self.finish_stretch()?;
         let margin = (CHANGE_S / self.period) as usize;
         let shortest = SHORTEST_S / self.period;
         let sets = (self.stretches.iter()).any(|s| s.contact_set != self.stretches[0].contact_set);
         for stretch in &mut self.stretches {
             file.clone_into(&mut stretch.signals.file);
             if sets {
-                stretch.cut(margin);
+                stretch.cut(margin)?;
             }
         }
         self.stretches
             .retain(|stretch| stretch.signals.t.len() as f64 >= shortest);
-        (self.cycles, self.stretches)
-    }
-}
-
-impl Stretch {
-    fn push(&mut self, t: f64, record: &CycleRecord, off: &[u32]) {
-        let signals = &mut self.signals;
-        signals.t.push(t);
-        let joints = record.measured.joints.iter();
-        let joints = joints.zip(&record.estimated.joints).zip(off);
-        let mut own = signals.angles.iter_mut().zip(&mut self.drives);
-        for ((angle, drive), ((joint, estimated), off)) in own.by_ref().zip(joints) {
-            angle.push(joint.q);
-            drive.theta.push(joint.theta);
-            drive.current.push(joint.current);
-            drive.used.push(joint.flags & NOT_USED == 0 && *off == 0);
-            let torque = &estimated.tau_encoder;
-            drive.torque.push(if torque.flags & VALID != 0 {
-                [torque.tau, torque.sigma]
-            } else {
-                [f64::NAN; 2]
-            });
-        }
-        for (axes, sensor) in signals.ft.iter_mut().zip(&record.measured.ft) {
-            let wrench = sensor.wrench.to_array();
-            axes.iter_mut()
-                .zip(wrench)
-                .for_each(|(axis, x)| axis.push(x));
-        }
-        if let Some(axes) = &mut signals.imu {
-            let imu = &record.measured.imu;
-            let both = imu.gyro.into_iter().chain(imu.accelerometer);
-            axes.iter_mut().zip(both).for_each(|(axis, x)| axis.push(x));
-        }
-    }
-
-    /// Leaves out both ends.
-    fn cut(&mut self, margin: usize) {
-        let count = self.signals.t.len();
-        let kept = margin.min(count)..count.saturating_sub(margin).max(margin.min(count));
-        let cut = |values: &mut Vec<f64>| *values = values[kept.clone()].to_vec();
-        cut(&mut self.signals.t);
-        self.signals.angles.iter_mut().for_each(cut);
-        self.signals.ft.iter_mut().flatten().for_each(cut);
-        self.signals.imu.iter_mut().flatten().for_each(cut);
-        for drive in &mut self.drives {
-            cut(&mut drive.theta);
-            cut(&mut drive.current);
-            drive.used = drive.used[kept.clone()].to_vec();
-            drive.torque = drive.torque[kept.clone()].to_vec();
-        }
+        Ok((self.cycles, self.stretches))
     }
 }
 
@@ -472,7 +372,7 @@ mod tests {
         let read = test_support::read_project_file;
         let robot = robot_config::load("config/leg/robot.toml", &read).unwrap();
         let header = Header::new(&robot, Vec::new(), recording::Start::default());
-        let mut reader = Reader::new(&robot, &header);
+        let mut reader = Reader::new(&robot, &header).unwrap();
         let mut message = CycleMessage::default();
         for cycle in 0..3000u64 {
             message.at.sync.0 = cycle * 1_000_000;
@@ -483,16 +383,17 @@ mod tests {
             for joint in &mut message.record.cycle.commanded.joints {
                 joint.drive_state = state.number();
             }
-            reader.take(&message);
+            reader.take(&message).unwrap();
         }
-        let (_, stretches) = reader.end("");
+        let (_, stretches) = reader.end("").unwrap();
         let [stretch] = &stretches[..] else {
             panic!("{} stretches", stretches.len())
         };
         for drive in &stretch.drives {
-            let first = drive.used.iter().position(|used| *used);
+            let used = drive.used.read().unwrap();
+            let first = used.iter().position(|used| *used == 1.0);
             assert_eq!(first, Some(1499), "half a second after enabling");
-            assert!(drive.used[1499..].iter().all(|used| *used));
+            assert!(used[1499..].iter().all(|used| *used == 1.0));
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Torques of a whole log, by centred filters and the whole-body estimator.
 
 use crate::rows::Rows;
+use crate::spool::{Column, Spool, each_row};
 use crate::whole_body::sensors_file::SensorsFile;
 use dynamics::{ImuMotion, Model};
 use identification::load::untouched::{Row, Verdict, judge};
@@ -33,15 +34,15 @@ pub(crate) trait Estimated {
 /// Signals of the whole robot at a steady rate, without a gap.
 pub(crate) struct Signals {
     /// t, s.
-    pub(crate) t: Vec<f64>,
+    pub(crate) t: Column,
     /// Time between rows, s.
     pub(crate) period: f64,
     /// Angles as the model counts them, by joint, rad.
-    pub(crate) angles: Vec<Vec<f64>>,
+    pub(crate) angles: Vec<Column>,
     /// Wrench that the part beyond each F/T sensor applies to the part before, by sensor and axis.
-    pub(crate) ft: Vec<[Vec<f64>; 6]>,
+    pub(crate) ft: Vec<[Column; 6]>,
     /// Gyro and accelerometer, by axis.
-    pub(crate) imu: Option<[Vec<f64>; 6]>,
+    pub(crate) imu: Option<[Column; 6]>,
     /// Their name in messages.
     pub(crate) file: String,
 }
@@ -135,18 +136,19 @@ impl RobotLog {
         joints: &[String],
         sensors: &SensorsFile,
     ) -> Result<Signals, Problem> {
-        let angles = joints.iter();
-        let angles = angles.map(|joint| Ok::<_, Problem>(self.angle(joint)?.to_vec()));
+        let spool = Spool::new()?;
+        let column = |values: &[f64]| Column::of(&spool, values);
+        let angles = joints.iter().map(|joint| column(self.angle(joint)?));
         let ft = sensors.ft_sensors.iter().map(|sensor| {
             let sign = f64::from(sensor.sign);
             let axes = self.six(sensor.name.get_ref(), WRENCH)?;
-            let signed = |axis: &[f64]| axis.iter().map(|x| sign * x).collect();
-            Ok::<_, Problem>(axes.map(signed))
+            let signed = |axis: &[f64]| axis.iter().map(|x| sign * x).collect::<Vec<_>>();
+            six(axes.map(|axis| column(&signed(axis))))
         });
         let imu = sensors.imu.as_ref();
-        let imu = imu.map(|_| Ok::<_, Problem>(self.six("imu", IMU)?.map(<[f64]>::to_vec)));
+        let imu = imu.map(|_| six(self.six("imu", IMU)?.map(column)));
         Ok(Signals {
-            t: self.t.clone(),
+            t: column(&self.t)?,
             period: self.period,
             angles: angles.collect::<Result<_, _>>()?,
             ft: ft.collect::<Result<_, _>>()?,
@@ -197,10 +199,16 @@ impl RobotLog {
     }
 }
 
+/// Six columns, or why one of them is not there.
+fn six(columns: [Result<Column, Problem>; 6]) -> Result<[Column; 6], Problem> {
+    let [a, b, c, d, e, f] = columns;
+    Ok([a?, b?, c?, d?, e?, f?])
+}
+
 /// Torques and standard deviations of every joint.
 pub(crate) struct Torques {
-    tau: Vec<Vec<f64>>,
-    sigma: Vec<Vec<f64>>,
+    tau: Vec<Column>,
+    sigma: Vec<Column>,
     rows: Range<usize>,
 }
 
@@ -226,23 +234,13 @@ impl Torques {
         }
         let half = half as usize;
         let Pass { tau, mut sigma } = pass(robot, log, half, None)?;
-        widen(
-            &mut sigma,
-            &tau,
-            &pass(robot, log, 2 * half, None)?.tau,
-            half,
-            REMOVED,
-        );
+        let other = pass(robot, log, 2 * half, None)?.tau;
+        widen(&mut sigma, &tau, &other, half, REMOVED)?;
         // A signal that a long window has removed altogether shows beside a short one.
         let short = (0.5 * SHORT_S / log.period).round().max(2.0) as usize;
         if short < half {
-            widen(
-                &mut sigma,
-                &tau,
-                &pass(robot, log, short, None)?.tau,
-                half,
-                1.0,
-            );
+            let other = pass(robot, log, short, None)?.tau;
+            widen(&mut sigma, &tau, &other, half, 1.0)?;
         }
         Ok(Self {
             tau,
@@ -256,35 +254,39 @@ impl Torques {
         self.rows.clone()
     }
 
-    /// Torque and standard deviation of a joint at a row.
-    pub(crate) fn at(&self, joint: usize, row: usize) -> (f64, f64) {
-        (self.tau[joint][row], self.sigma[joint][row])
-    }
-
-    /// Smallest and largest torque of a joint, and its RMS sigma.
-    pub(crate) fn range(&self, joint: usize) -> (f64, f64, f64) {
-        let (mut low, mut high, mut square) = (f64::MAX, f64::MIN, 0.0);
-        for i in self.rows() {
-            let (tau, sigma) = self.at(joint, i);
-            (low, high, square) = (low.min(tau), high.max(tau), square + sigma * sigma);
-        }
-        (low, high, (square / self.rows.len().max(1) as f64).sqrt())
+    /// Torques and standard deviations of a joint, by row.
+    ///
+    /// # Errors
+    /// A temporary file that cannot be read.
+    pub(crate) fn of(&self, joint: usize) -> Result<[Vec<f64>; 2], Problem> {
+        Ok([self.tau[joint].read()?, self.sigma[joint].read()?])
     }
 }
 
 /// Adds the local difference between two passes, times `part`, to sigma.
-fn widen(sigma: &mut [Vec<f64>], tau: &[Vec<f64>], other: &[Vec<f64>], half: usize, part: f64) {
+fn widen(
+    sigma: &mut [Column],
+    tau: &[Column],
+    other: &[Column],
+    half: usize,
+    part: f64,
+) -> Result<(), Problem> {
     for ((tau, other), sigma) in tau.iter().zip(other).zip(sigma) {
-        let squares = tau.iter().zip(other).map(|(a, b)| (a - b).powi(2));
+        let (tau, other) = (tau.read()?, other.read()?);
+        let squares = tau.iter().zip(&other).map(|(a, b)| (a - b).powi(2));
         let local = smooth_mean(&squares.collect::<Vec<f64>>(), 2 * half);
-        for (sigma, square) in sigma.iter_mut().zip(local) {
-            *sigma = sigma.hypot(part * square.sqrt());
-        }
+        sigma.change(|sigma| {
+            for (sigma, square) in sigma.iter_mut().zip(local) {
+                *sigma = sigma.hypot(part * square.sqrt());
+            }
+            Ok(())
+        })?;
     }
+    Ok(())
 }
 
 /// What looks at each row's estimate.
-type EachRow<'a> = &'a mut dyn FnMut(&WholeBody, &WholeBodyInput<'_>);
+type LookAt<'a> = &'a mut dyn FnMut(&WholeBody, &WholeBodyInput<'_>);
 
 /// F/T sensors beyond which nothing touches the robot, against the model: indices and verdicts.
 ///
@@ -342,85 +344,133 @@ fn row(read: &Wrench, part: &PartEstimate, whole_body: &WholeBody, sensor: usize
 
 /// Torques and standard deviations by joint and row.
 struct Pass {
-    tau: Vec<Vec<f64>>,
-    sigma: Vec<Vec<f64>>,
+    tau: Vec<Column>,
+    sigma: Vec<Column>,
+}
+
+/// Signals behind windows of `2 half + 1` samples.
+struct Filtered {
+    /// q, dq, ddq of each joint; the axes of each F/T sensor; those of the IMU, and the derivatives of its gyro's.
+    columns: Vec<Column>,
+    joints: usize,
+    sensors: usize,
+    /// Standard deviation of the accelerations, by joint.
+    sigma_ddq: Vec<f64>,
+}
+
+impl Filtered {
+    fn new(log: &Signals, half: usize) -> Result<Self, Problem> {
+        let spool = Spool::new()?;
+        let filtered = |signal: &[f64], derivative| {
+            Column::of(&spool, &smooth(signal, derivative, half, log.period))
+        };
+        let gain = impulse(2, half, log.period);
+        let (mut columns, mut sigma_ddq) = (Vec::new(), Vec::new());
+        for angle in &log.angles {
+            let angle = angle.read()?;
+            for derivative in 0..3 {
+                columns.push(filtered(&angle, derivative)?);
+            }
+            sigma_ddq.push(gain * noise(&angle, half, log.period));
+        }
+        for axis in log.ft.iter().flatten().chain(log.imu.iter().flatten()) {
+            columns.push(filtered(&axis.read()?, 0)?);
+        }
+        for rate in log.imu.iter().flat_map(|axes| &axes[..3]) {
+            columns.push(filtered(&rate.read()?, 1)?);
+        }
+        Ok(Self {
+            columns,
+            joints: log.angles.len(),
+            sensors: log.ft.len(),
+            sigma_ddq,
+        })
+    }
+
+    /// Derivative `d` of all angles in a row of the columns.
+    fn motion(&self, row: &[f64], d: usize) -> Vec<f64> {
+        row[..3 * self.joints]
+            .iter()
+            .skip(d)
+            .step_by(3)
+            .copied()
+            .collect()
+    }
+
+    fn wrenches(&self, row: &[f64]) -> Vec<Wrench> {
+        let axes = &row[3 * self.joints..][..6 * self.sensors];
+        let (wrenches, _) = axes.as_chunks::<6>();
+        let wrench = |&[fx, fy, fz, tx, ty, tz]: &[f64; 6]| Wrench {
+            force: [fx, fy, fz],
+            torque: [tx, ty, tz],
+        };
+        wrenches.iter().map(wrench).collect()
+    }
+
+    fn imu(&self, row: &[f64]) -> ImuMotion {
+        let axes = &row[3 * self.joints + 6 * self.sensors..];
+        let three = |at: usize| {
+            axes.get(at..at + 3)
+                .map_or_else(Vector3::zeros, Vector3::from_column_slice)
+        };
+        ImuMotion {
+            angular_velocity: three(0),
+            proper_acceleration: three(3),
+            angular_acceleration: three(6),
+        }
+    }
 }
 
 /// Torques and sigmas by the estimator, all signals through windows of `2 half + 1` samples.
 ///
-/// `each_row` sees every row, residuals included.
+/// `look` sees every row, residuals included.
 fn pass(
     robot: &dyn Estimated,
     log: &Signals,
     half: usize,
-    mut each_row: Option<EachRow<'_>>,
+    mut look: Option<LookAt<'_>>,
 ) -> Result<Pass, Problem> {
-    let filtered = |signal: &[f64], derivative| smooth(signal, derivative, half, log.period);
-    let gain = impulse(2, half, log.period);
-    let mut motion = Vec::new();
-    let mut sigma_ddq = Vec::new();
-    for angle in &log.angles {
-        motion.push([0, 1, 2].map(|d| filtered(angle, d)));
-        sigma_ddq.push(gain * noise(angle, half, log.period));
-    }
-    let ft = log.ft.iter();
-    let ft: Vec<[Vec<f64>; 6]> = ft
-        .map(|axes| axes.each_ref().map(|axis| filtered(axis, 0)))
-        .collect();
-    let imu = log.imu.as_ref().map(|axes| {
-        let rates = [0, 1, 2].map(|i| filtered(&axes[i], 1));
-        (axes.each_ref().map(|axis| filtered(axis, 0)), rates)
-    });
+    let filtered = Filtered::new(log, half)?;
     let sensor = [0, 1].map(|derivative| impulse(derivative, half, log.period));
-    let parameters = robot.parameters(&FilterGains { sensor, sigma_ddq })?;
+    let parameters = robot.parameters(&FilterGains {
+        sensor,
+        sigma_ddq: filtered.sigma_ddq.clone(),
+    })?;
     let mut whole_body = WholeBody::new(robot.model(), &parameters).map_err(|e| e.problem())?;
     whole_body.choose(robot.contact_set());
+    let spool = Spool::new()?;
     let n = log.angles.len();
-    let (mut tau, mut sigma) = (vec![Vec::new(); n], vec![Vec::new(); n]);
-    for i in 0..log.t.len() {
-        let each = |d: usize| motion.iter().map(|m| m[d][i]).collect::<Vec<f64>>();
-        let (q, dq, ddq) = (each(0), each(1), each(2));
-        let reading = |axes: &[Vec<f64>; 6]| Wrench {
-            force: [0, 1, 2].map(|k| axes[k][i]),
-            torque: [3, 4, 5].map(|k| axes[k][i]),
-        };
-        let ft: Vec<Wrench> = ft.iter().map(reading).collect();
-        let three = |axes: &[Vec<f64>]| Vector3::new(axes[0][i], axes[1][i], axes[2][i]);
-        let imu = match &imu {
-            Some((axes, rates)) => ImuMotion {
-                angular_velocity: three(&axes[..3]),
-                angular_acceleration: three(rates),
-                proper_acceleration: three(&axes[3..]),
-            },
-            None => ImuMotion {
-                angular_velocity: Vector3::zeros(),
-                angular_acceleration: Vector3::zeros(),
-                proper_acceleration: Vector3::zeros(),
-            },
-        };
+    let empty = || (0..n).map(|_| Column::new(&spool)).collect();
+    let (mut tau, mut sigma): (Vec<Column>, Vec<Column>) = (empty(), empty());
+    let columns: Vec<&Column> = [&log.t].into_iter().chain(&filtered.columns).collect();
+    each_row(&columns, |i, values| {
+        let (t, row) = (values[0], &values[1..]);
+        let [q, dq, ddq] = [0, 1, 2].map(|d| filtered.motion(row, d));
+        let ft = filtered.wrenches(row);
         let input = WholeBodyInput {
             q: &q,
             dq: &dq,
             ddq: &ddq,
             ft: &ft,
-            imu,
+            imu: filtered.imu(row),
         };
-        let estimate = match each_row {
+        let estimate = match look {
             Some(_) => whole_body.update(&input),
             None => whole_body.update_torques(&input),
         };
         if !estimate.valid {
-            let reason = format!("at t = {} s the contacts depend on one another", log.t[i]);
+            let reason = format!("at t = {t} s the contacts depend on one another");
             return Err(Problem::new(reason, "other contacts").at(log.file.as_str(), i + 2));
         }
         for k in 0..n {
-            tau[k].push(estimate.tau[k]);
-            sigma[k].push(estimate.sigma[k]);
+            tau[k].push(estimate.tau[k])?;
+            sigma[k].push(estimate.sigma[k])?;
         }
-        if let Some(each_row) = &mut each_row {
-            each_row(&whole_body, &input);
+        if let Some(look) = &mut look {
+            look(&whole_body, &input);
         }
-    }
+        Ok(())
+    })?;
     Ok(Pass { tau, sigma })
 }
 

@@ -214,7 +214,7 @@ impl Fitted {
                 ));
             }
         }
-        (step.fit)(self, &record, rows, progress)
+        (step.fit)(self, record, rows, progress)
     }
 
     /// Errors of every source, and what the loop takes from their fused torque.

@@ -223,12 +223,12 @@ pub fn hysteresis(
     known: &GearKnowledge,
 ) -> Result<GearFit, Problem> {
     let [torsion, tau] = signals(record, error)?;
-    let q: Vec<f64> = record.samples.iter().map(|s| s.q).collect();
+    let q = |record: &Record| record.samples.iter().map(|s| s.q).collect::<Vec<f64>>();
     let stiffness = known
         .stiffness
         .unwrap_or(known.rated_torque / RATED_TORSION);
     let mut data = GearData {
-        q: record.smooth(&q, 0),
+        q: record.smooth(&q(record), 0),
         w_link: error.w_link,
         rate: record.smooth(&torsion, 1),
         x_max: 0.0,
@@ -350,11 +350,9 @@ impl GearData {
 
     /// One pass; `rough` is the gear whose stiffness turns torsion into torque.
     fn fit(&mut self, record: &Record, rough: &GearParameters) -> Result<GearFit, Problem> {
-        let waves: Vec<_> = (record.samples.iter().zip(&self.q))
-            .map(|(s, q)| harmonics(self.w_link * q, s.theta))
-            .collect();
+        let waves = |i: usize| harmonics(self.w_link * self.q[i], record.samples[i].theta);
         let torsion: Vec<f64> = (0..self.torsion.len())
-            .map(|i| self.corrected(record, i, &waves[i]))
+            .map(|i| self.corrected(record, i, &waves(i)))
             .collect();
         self.x_max = largest(&torsion).max(0.05 * self.known.rated_torque / self.stiffness);
         let unit = |limit| SlipElement {
@@ -421,7 +419,7 @@ impl GearData {
             (row[SKEW], row[SKEW + 1]) = (-slope * dq, -slope);
             slopes += slope * slope;
             rows += 1.0;
-            for (column, wave) in row[SKEW + 2..COLUMNS].iter_mut().zip(&waves[i]) {
+            for (column, wave) in row[SKEW + 2..COLUMNS].iter_mut().zip(waves(i)) {
                 *column = -slope * wave;
             }
             blocks.add(i as f64 / self.tau.len() as f64, &row, tau);

@@ -93,13 +93,25 @@ const MIN_ROWS: usize = 50;
 /// # Errors
 /// Every reason found why the log cannot be fitted to.
 pub fn inspect(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Result<Inspection, Problems> {
+    inspect_rows(joint, rows.to_vec(), kind)
+}
+
+/// As [`inspect`], of a log that is not needed otherwise.
+///
+/// # Errors
+/// As [`inspect`].
+pub fn inspect_rows(
+    joint: &JointFile,
+    rows: Vec<LogRow>,
+    kind: LogKind,
+) -> Result<Inspection, Problems> {
     if rows.len() < MIN_ROWS {
         let reason = format!("the log has {} rows", rows.len());
         return Err(Problem::new(reason, format!("at least {MIN_ROWS}")).into());
     }
     let mut notes = Vec::new();
     // Without the right time no rate means anything.
-    stamps::check(rows, joint.sample_period(), &mut notes)?;
+    stamps::check(&rows, joint.sample_period(), &mut notes)?;
     let mut mended = mend::mend(joint, rows, kind);
     if kind == LogKind::Run {
         mended
@@ -127,6 +139,8 @@ pub fn inspect(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Result<Insp
             reference::check(&signals, joint, kind, &mut problems, &mut notes);
         }
     }
+    // Of a long log only one of both is in memory.
+    drop(signals);
     let mut excitation = None;
     if problems.is_empty()
         && matches!(
@@ -140,8 +154,9 @@ pub fn inspect(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Result<Insp
         excitation = Some(found);
     }
     // Last: channels in other units and directions contradict one another anyhow.
-    let compared = kind != LogKind::NoLoad && signals.tau.iter().all(|tau| tau.is_finite());
+    let compared = kind != LogKind::NoLoad && rows.iter().all(|row| row.tau_sensor.is_finite());
     if problems.is_empty() && compared {
+        let signals = Signals::new(joint, rows);
         let mut found = contradictions::check(&signals, joint, kind);
         if kind == LogKind::Run {
             // What is wrong with a reference alone does not make an estimate wrong.

@@ -99,16 +99,20 @@ impl Record {
     #[must_use]
     pub fn smooth(&self, signal: &[f64], derivative: usize) -> Vec<f64> {
         let half = ((0.5 * WINDOW_S / self.sample_period) as usize).max(2);
-        let logs = self.logs().map(|log| signal.get(log).unwrap_or_default());
-        logs.flat_map(|log| smooth(log, derivative, half, self.sample_period))
-            .collect()
+        self.each_log(signal, |log| {
+            smooth(log, derivative, half, self.sample_period)
+        })
     }
 
     /// A signal through `of`, each log by itself.
     #[must_use]
     pub fn each_log(&self, signal: &[f64], of: impl Fn(&[f64]) -> Vec<f64>) -> Vec<f64> {
-        let logs = self.logs().map(|log| signal.get(log).unwrap_or_default());
-        logs.flat_map(of).collect()
+        // Long logs: no more memory than it takes.
+        let mut all = Vec::with_capacity(signal.len());
+        for log in self.logs() {
+            all.extend_from_slice(&of(signal.get(log).unwrap_or_default()));
+        }
+        all
     }
 
     /// First sample of each log.

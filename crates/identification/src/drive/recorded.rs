@@ -60,9 +60,62 @@ pub fn knowledge(joint: &JointParameters) -> DriveKnowledge {
     }
 }
 
+/// What a drive's log takes from a joint's records of one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveSample {
+    /// Flags of what was measured, and of what was commanded.
+    pub flags: [u32; 2],
+    /// theta, q, torsion, rad; current, A.
+    pub measured: [f64; 4],
+    /// Position, rad, and current, A, that were sent.
+    pub sent: [f64; 2],
+    /// Age of the measured sample at the record's SYNC, s: negative for one that was taken later.
+    pub age: f64,
+}
+
+impl DriveSample {
+    /// Numbers of [`Self::to_array`].
+    pub const LEN: usize = 9;
+
+    /// A joint's sample of a record; `since_sync`: the time from SYNC to the record's now, s.
+    #[must_use]
+    pub fn of(record: &CycleRecord, joint: usize, since_sync: f64) -> Option<Self> {
+        let measured = record.measured.joints.get(joint)?;
+        let commanded = record.commanded.joints.get(joint)?;
+        Some(Self {
+            flags: [measured.flags, commanded.flags],
+            measured: [
+                measured.theta,
+                measured.q,
+                measured.torsion,
+                measured.current,
+            ],
+            sent: [commanded.q_c, commanded.current_c],
+            age: measured.age_s - since_sync,
+        })
+    }
+
+    /// As numbers, exactly.
+    #[must_use]
+    pub fn to_array(&self) -> [f64; Self::LEN] {
+        let ([a, b], [c, d, e, f], [g, h]) = (self.flags.map(f64::from), self.measured, self.sent);
+        [a, b, c, d, e, f, g, h, self.age]
+    }
+
+    /// From what [`Self::to_array`] gave.
+    #[must_use]
+    pub fn from_array([a, b, c, d, e, f, g, h, age]: [f64; Self::LEN]) -> Self {
+        Self {
+            flags: [a as u32, b as u32],
+            measured: [c, d, e, f],
+            sent: [g, h],
+            age,
+        }
+    }
+}
+
 /// Gathers a joint's log from records, in their order.
 pub struct Gather {
-    joint: usize,
     takes_position: bool,
     torque_limit: f64,
     gear_ratio: f64,
@@ -77,9 +130,9 @@ pub struct Gather {
 }
 
 impl Gather {
-    /// For a joint at an index of the records.
+    /// For a joint.
     #[must_use]
-    pub fn new(index: usize, joint: &JointParameters, period: f64) -> Self {
+    pub fn new(joint: &JointParameters, period: f64) -> Self {
         let known = joint.calibration.as_ref();
         let kinematic_error = known.map(|calibration| {
             let file = calibration.file();
@@ -89,7 +142,6 @@ impl Gather {
                 .map_or(error.clone(), |r| error.at_radius(r))
         });
         Self {
-            joint: index,
             takes_position: joint.takes_position(),
             torque_limit: joint.limits.torque,
             gear_ratio: joint.encoders.gear_ratio,
@@ -109,24 +161,20 @@ impl Gather {
         }
     }
 
-    /// Takes a cycle: the instant of its SYNC, s, its record, and the time from SYNC to the record's now, s.
-    pub fn take(&mut self, t: f64, record: &CycleRecord, since_sync: f64) {
+    /// Takes a cycle: the instant of its SYNC, s, and the joint's sample.
+    pub fn take(&mut self, t: f64, sample: &DriveSample) {
         let gap = t - std::mem::replace(&mut self.last_t, t) > GAP * self.log.period;
-        let (Some(measured), Some(commanded)) = (
-            record.measured.joints.get(self.joint),
-            record.commanded.joints.get(self.joint),
-        ) else {
-            return;
-        };
-        let engaged = commanded.flags & command_flags::ENGAGED != 0;
-        if gap || !engaged || measured.flags & NOT_USED != 0 {
+        let [theta, q, torsion, current] = sample.measured;
+        let engaged = sample.flags[1] & command_flags::ENGAGED != 0;
+        let measured = sample.flags[0] & NOT_USED == 0;
+        if gap || !engaged || !measured {
             self.interrupted = true;
             if gap || !engaged {
                 // This cycle itself begins nothing: without its set-point the next ones cannot be explained.
                 return;
             }
         }
-        if measured.flags & NOT_USED != 0 {
+        if !measured {
             return;
         }
         if self.interrupted {
@@ -134,25 +182,25 @@ impl Gather {
             self.log.stretches.push(DriveStretch::default());
             self.interrupted = false;
         }
-        let error = self.kinematic_error.error(measured.q, measured.theta);
+        let error = self.kinematic_error.error(q, theta);
         let torque = gear_torque(
             &self.compliance,
             self.gear_ratio,
-            measured.torsion - error,
+            torsion - error,
             2.0 * self.torque_limit,
         );
         if let Some(stretch) = self.log.stretches.last_mut() {
             stretch.sent.push(if self.takes_position {
-                commanded.q_c
+                sample.sent[0]
             } else {
-                commanded.current_c
+                sample.sent[1]
             });
-            stretch.theta.push(measured.theta);
-            stretch.q.push(measured.q);
-            stretch.current.push(measured.current);
+            stretch.theta.push(theta);
+            stretch.q.push(q);
+            stretch.current.push(current);
             stretch.torque.push(torque);
             if let Some(latency) = self.when_sent {
-                self.ages.push(measured.age_s - since_sync + latency);
+                self.ages.push(sample.age + latency);
             }
         }
     }

@@ -49,13 +49,13 @@ const COLUMNS: [Column; 4] = [
 ];
 
 /// Mends a log whose stamps increase.
-pub(super) fn mend(joint: &JointFile, rows: &[LogRow], kind: LogKind) -> Mended {
-    let mut out = Mended {
-        rows: rows.to_vec(),
-        findings: Vec::new(),
-    };
+pub(super) fn mend(joint: &JointFile, rows: Vec<LogRow>, kind: LogKind) -> Mended {
     let t: Vec<f64> = rows.iter().map(|r| r.t).collect();
     let mut lost = vec![false; rows.len()];
+    let mut out = Mended {
+        rows,
+        findings: Vec::new(),
+    };
     for (column, quantity, get, set) in COLUMNS {
         let mut values: Vec<f64> = out.rows.iter().map(get).collect();
         if !values.iter().all(|x| x.is_finite()) {
