@@ -88,9 +88,9 @@ def section(found, asked):
     machine = f"{model.split(':')[1].strip()}, {os.cpu_count()} cores, Linux {platform.release()}"
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
     told = f"""`{PROGRAM} --seconds {asked.seconds:g} --rounds {asked.rounds} --page` has measured this, with programs of
-`target/{asked.binaries.name}` beside a simulated leg. The machine: {machine}; its load: {load}, the robot's and
-the client's own included. A round trip is from the sending of a reference to the first record of a cycle that followed it. It holds the
-wait for the next cycle. Unanswered: the client was kept from running for so long that its lease had ended."""
+`target/{asked.binaries.name}` beside a simulated leg, on {machine}; load {load}, its own included. A round trip
+goes from sending a reference to the first record of a cycle that followed it. Unanswered: the client did not run for so
+long that its lease ended."""
     text = f"""{SECTION}
 {textwrap.fill(told, 120)}
 

@@ -6,8 +6,8 @@ from measure import WARM_S, slope
 
 HEAD = """# A daemon at work
 
-`benches/operation/measure.py {asked}` has measured this and written this page, with the simulated leg at 1 kHz. The
-programs were {build}; the machine: {machine}.
+`benches/operation/measure.py {asked}` has written this page, with the simulated leg at 1 kHz. The programs
+were {build}; the machine: {machine}.
 
 """
 
@@ -32,10 +32,10 @@ def soak(found):
     warm = [(t / 3600, kinds["own"]) for t, kinds in points if t > WARM_S]
     text = f"""## Soak: {found["seconds"] / 60:.0f} minutes under load
 
-`stress-ng` loads CPU, memory and disk, the daemon records, and seven clients beside it come and go after up to ten seconds; half of
-them are killed by SIGKILL.
+`stress-ng` loads CPU, memory and disk, and the daemon records. Seven clients live for up to ten seconds each;
+SIGKILL ends half of them.
 
-Resident memory of the daemon, MB: its own, shared memory, and files mapped.
+The daemon's resident memory, MB; files are mapped ones:
 
 """
     text += table(["after, s", "own", "shared", "files"], rows)
@@ -45,19 +45,19 @@ Resident memory of the daemon, MB: its own, shared memory, and files mapped.
     causes = sorted(times["late_by_cause"].items(), key=lambda cause: -cause[1])
     attributed = sum(count for _, count in causes)
     text += f"""
-From the first minute on its own memory grows by {growth:.2f} MB an hour (a line through {len(warm)} points).
+After the first minute its own memory grows by {growth:.2f} MB an hour (a line through {len(warm)} points).
 
-{clients["clients"]} clients came, {clients["killed"]} of them were killed, {clients["failed"]} ended by an error. They
+Of {clients["clients"]} clients {clients["killed"]} were killed, {clients["failed"]} ended by an error. They
 read {clients["records"]} records and lost {clients["lost"]} ({1e6 * clients["lost"] / max(seen, 1):.0f} of a million).
 The recording of {recording["MB"]:.0f} MB holds {recording["cycles"]} cycles, {recording["lost"]} were lost.
 
 Of {report["cycles"]} cycles {report["late_cycles"]} ended late: a simulated robot waits for a loop that misses a start.
-The publisher came too late for {report["records_dropped"]} records. Two seconds before the end {late} cycles were late,
-{attributed} of them laid to a cause:
+The publisher came too late for {report["records_dropped"]} records. Two seconds before the end {late} were late, {attributed}
+with a known cause:
 
 """
     text += table(["cause", "late cycles"], causes or [["none", 0]])
-    return text + f"\nLeft in `/dev/shm` afterwards: {left(found['left'])}.\n"
+    return text + f"\nLeft in `/dev/shm`: {left(found['left'])}.\n"
 
 
 def left(names):
@@ -66,7 +66,7 @@ def left(names):
     others = sorted({name.rsplit(".", 1)[-1] for name in names if name not in kept})
     count = len(names) - len(kept)
     text = f"{count} objects ({', '.join(others)})" if count else "nothing"
-    return text + (", but the run directory's counter of 16 bytes, which iceoryx2 keeps" if kept else "")
+    return text + (", but iceoryx2's counter of 16 bytes for the run directory" if kept else "")
 
 
 def kills(found):
@@ -76,25 +76,25 @@ def kills(found):
     rows = [[killed, f"{kinds['own']:.1f}", f"{kinds['shared']:.1f}", objects] for killed, kinds, objects in points]
     text = f"""## Kills: {found["clients"]} clients and {found["daemons"]} daemons by SIGKILL
 
-Six clients that read and one that commands are killed at a time, while another one watches: a robot takes eight.
+Six readers and a commander are killed at a time; the eighth client that a robot takes watches.
 
 """
     chosen = rows[::step] + ([rows[-1]] if (len(rows) - 1) % step else [])
     text += table(["clients killed", "daemon's own memory, MB", "shared, MB", "objects in /dev/shm"], chosen)
     middle = holds[len(holds) // 2]
     return text + f"""
-Two seconds after the last one its own memory is {found["after"]["own"]:.1f} MB. The robot held {middle:.0f} ms after the
-kill of its commander in the median of {len(holds)}, {holds[-1]:.0f} ms at most; both contain up to 5 ms of the watching
-program. Left by the clients, once the daemon has ended: {left(found["left_by_clients"])}. After the daemons were killed, each
-with two clients, and a last one had ended: {left(found["left"])}.
+Two seconds after the last kill its own memory is {found["after"]["own"]:.1f} MB. After the kill of its commander the
+robot held within {middle:.0f} ms (median of {len(holds)}), {holds[-1]:.0f} ms at most, up to 5 ms of it the watching
+program's. Left by the clients, once the daemon has ended: {left(found["left_by_clients"])}. Left by killed daemons, each
+with two clients, once a last one has ended: {left(found["left"])}.
 """
 
 
 def wake(found):
     text = """## Wake-up beside cyclictest
 
-`cyclictest` (1 kHz, priority 81) and the loop (priority 80) on one core in the same minute, us after the timer's instant.
-Those of the loop are of its whole run, some seconds longer.
+`cyclictest` (1 kHz, priority 81) and the loop (priority 80) on one core in the same minute, us after the timer's
+instant; the loop's run is some seconds longer.
 
 """
     rows = []
