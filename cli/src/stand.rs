@@ -11,11 +11,11 @@ use std::time::{Duration, Instant};
 use torqued_client::Commander;
 
 const HELP: &str = "\
-The robot stands in its present pose on the feet that bear it, its centre of mass over the middle of their
-soles: a push is answered by the legs, within the soles, and never by a step. It needs a floating base and
-sole_corners_m of the F/T sensor above each foot. The robot must be enabled; in the end it holds. Where its
-feet no longer hold it, or leave the ground, the mode ends with event 303, and the robot holds.
-Ctrl-C ends it.
+The robot stands in its present pose on the feet that bear it, its centre of mass over the middle
+of their soles. It answers a push by its legs, within the soles, and takes no step. It needs a
+floating base and sole_corners_m of the F/T sensor above each foot. The robot must be enabled; in
+the end it holds. Where its feet no longer hold it, or leave the ground, the mode ends with event
+303, and the robot holds. Ctrl-C ends it.
 
 Examples:
   torquectl stand                        until Ctrl-C
