@@ -87,12 +87,12 @@ def section(found, asked):
     model = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name"))
     machine = f"{model.split(':')[1].strip()}, {os.cpu_count()} cores, Linux {platform.release()}"
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
-    told = f"""`{PROGRAM} --seconds {asked.seconds:g} --rounds {asked.rounds} --page` has measured this, with programs of
+    opening = f"""`{PROGRAM} --seconds {asked.seconds:g} --rounds {asked.rounds} --page` has measured this, with programs of
 `target/{asked.binaries.name}` beside a simulated leg, on {machine}; load {load}, its own included. A round trip
 goes from sending a reference to the first record of a cycle that followed it. Unanswered: the client did not run for so
 long that its lease ended."""
     text = f"""{SECTION}
-{textwrap.fill(told, 120)}
+{textwrap.fill(opening, 120)}
 
 | client | records a second | lost | round trip p50, ms | p99 | max | unanswered |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
