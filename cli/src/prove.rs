@@ -6,7 +6,7 @@ mod proof;
 use crate::motion::{bar, catch_signals};
 use crate::requests::{Failure, PATIENCE, connect, end};
 use crate::words;
-use judge::{Asked, Outcome, Seen, judge, runs_away};
+use judge::{Asked, Outcome, SHOWN, Seen, carried, judge, runs_away};
 use problem::{Problem, Problems, listed};
 pub(crate) use proof::outdated;
 use proof::{Proof, Proven};
@@ -21,7 +21,7 @@ use terminal::TextTable;
 use torqued_client::robot_state::{
     MAX_JOINTS, MeasuredRecord, RobotState, measured_flags, torque_flags,
 };
-use torqued_client::{Client, Commander};
+use torqued_client::{Client, Commander, Error};
 
 const HELP: &str = "\
 One joint after the other goes 0.05 degrees (0.005 mm of a prismatic joint) away and back; where friction or a dead
@@ -205,6 +205,10 @@ fn prove(
     let mut why = String::new();
     for way in WAYS {
         let before = standing(client, joints)?;
+        // A current against the weight needs no motion to be seen; friction that carries some of it is sound.
+        if let Err(words) = carried(before.torques[j], before.sigmas[j], -SHOWN) {
+            return Ok(Err(words));
+        }
         let q = before.angles[j][1];
         // Away from the nearer limit.
         let middle = 0.5 * (joint.limits.position_min + joint.limits.position_max);
@@ -218,7 +222,13 @@ fn prove(
                 astray = astray.take().or_else(|| runs_away(&asked, moved));
             }
             astray.is_none() && !stop.load(Ordering::Relaxed)
-        })?;
+        });
+        let arrived = match arrived {
+            Err(error @ Error::NotFollowed { .. }) => {
+                return Ok(Err(not_followed(&error, j, client, joints)));
+            }
+            other => other?,
+        };
         if let Some(words) = astray {
             return Ok(Err(words));
         }
@@ -243,17 +253,30 @@ fn prove(
     Ok(Err(why))
 }
 
+/// Why a joint whose motion the daemon has ended is not proven: what its current shows where it then stands, or the
+/// daemon's own reason.
+fn not_followed(
+    error: &Error,
+    j: usize,
+    client: &mut Client,
+    joints: &[JointParameters],
+) -> String {
+    let shown = standing(client, joints).ok();
+    let shown = shown.and_then(|after| carried(after.torques[j], after.sigmas[j], SHOWN).err());
+    shown.unwrap_or_else(|| format!("was asked to move: {error}"))
+}
+
 /// Moves one joint by a way, from where its set-point stands.
 fn go_by(
     j: usize,
     way: f64,
     commander: &mut Commander,
     going: impl FnMut(Duration) -> bool,
-) -> Result<bool, Failure> {
+) -> Result<bool, Error> {
     let change = |reference: &mut torqued_client::robot_state::Reference| {
         reference.joints[j].q_d += way;
     };
-    Ok(commander.go_to(change, going)?)
+    commander.go_to(change, going)
 }
 
 /// theta/N and q of every joint.

@@ -14,8 +14,8 @@ const OTHERS: f64 = 0.25;
 const COUNTS: f64 = 1.0;
 /// Standard deviations by which a torque must differ from zero before its sign counts: the other sign is three away then.
 const CARRIES: f64 = 1.5;
-/// Least share of the model's torque that the current must show, where it carries more.
-const SHOWN: f64 = 0.3;
+/// Least share of the model's torque that the current must show after a motion, where it carries more.
+pub(super) const SHOWN: f64 = 0.3;
 
 /// The motion that was asked for.
 #[derive(Debug, Clone, Copy)]
@@ -146,17 +146,9 @@ pub(super) fn judge(asked: &Asked, seen: &Seen) -> Outcome {
             Outcome::TooLittle(words)
         };
     }
-    let current = match seen.torques {
-        Some([current, model]) if model.abs() > CARRIES * seen.sigma => {
-            if current * model.signum() < SHOWN * model.abs() - seen.sigma {
-                return Outcome::Wrong(format!(
-                    "carries {model:.1} N·m by the model, and its current shows {current:.1}: the current's \
-                     direction, the torque constant, or the whole joint's direction beside the URDF is wrong"
-                ));
-            }
-            "shows the torque"
-        }
-        _ => "not shown: too little torque",
+    let current = match carried(seen.torques, seen.sigma, SHOWN) {
+        Ok(current) => current,
+        Err(words) => return Outcome::Wrong(words),
     };
     Outcome::Proven(Proven {
         asked: asked.step,
@@ -164,6 +156,27 @@ pub(super) fn judge(asked: &Asked, seen: &Seen) -> Outcome {
         link: asked.has_link.then_some(seen.moved[1]),
         current,
     })
+}
+
+/// What the current shows of the torque that a standing joint carries by current and model, N·m; or what is wrong with
+/// it. `sigma`: sum of both standard deviations; `least`: share of the model's torque that the current must show.
+pub(super) fn carried(
+    torques: Option<[f64; 2]>,
+    sigma: f64,
+    least: f64,
+) -> Result<&'static str, String> {
+    match torques {
+        Some([current, model]) if model.abs() > CARRIES * sigma => {
+            if current * model.signum() < least * model.abs() - sigma {
+                return Err(format!(
+                    "carries {model:.1} N·m by the model, and its current shows {current:.1}: the current's \
+                     direction, the torque constant, or the whole joint's direction beside the URDF is wrong"
+                ));
+            }
+            Ok("shows the torque")
+        }
+        _ => Ok("not shown: too little torque"),
+    }
 }
 
 /// Directions and sizes that do not fit, in words.
@@ -279,6 +292,9 @@ mod tests {
         let carrying = |current| sound.clone().carrying(Some([current, 20.0]), 2.0);
         assert_eq!(why(judge(&asked, &carrying(17.0))), "proven");
         assert!(why(judge(&asked, &carrying(-17.0))).contains("the current's direction"));
+        // Before a motion friction may carry the weight, but a current against it is wrong.
+        assert!(carried(Some([-2.0, 20.0]), 2.0, -SHOWN).is_ok());
+        assert!(carried(Some([-17.0, 20.0]), 2.0, -SHOWN).is_err());
         // Too little to tell.
         let little = sound.clone().carrying(Some([-2.0, 2.5]), 2.0);
         assert_eq!(why(judge(&asked, &little)), "proven");
