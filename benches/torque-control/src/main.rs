@@ -1,6 +1,7 @@
 //! Writes docs/results/torque-control.md, the predictive torque law beside D's, and torque-modes.md, the
 //! experiments of Z and G, on simulated joints and robots with every disturbance on.
 
+mod bristles;
 mod cases;
 mod currents;
 mod joint;
@@ -26,6 +27,9 @@ struct Arguments {
     /// Joints alone
     #[arg(long)]
     joints_only: bool,
+    /// The table of friction's bristles alone, as text
+    #[arg(long, conflicts_with = "modes_only")]
+    bristles_only: bool,
     /// The page of Z's and G's experiments alone
     #[arg(long)]
     modes_only: bool,
@@ -40,6 +44,18 @@ Examples:
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let (out, joints_only) = (&arguments.out, arguments.joints_only);
+    if arguments.bristles_only {
+        return match bristles::table() {
+            Ok(text) => {
+                println!("{text}");
+                ExitCode::SUCCESS
+            }
+            Err(message) => {
+                eprintln!("torque-control-bench: {message}");
+                ExitCode::FAILURE
+            }
+        };
+    }
     let written = modes::write(out, joints_only).and_then(|()| {
         if arguments.modes_only {
             Ok(())

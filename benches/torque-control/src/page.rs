@@ -2,7 +2,7 @@
 
 use crate::cases::{cases, parallel};
 use crate::scenario::{VELOCITIES, blocked, moved};
-use crate::{rows, tables};
+use crate::{bristles, rows, tables};
 use std::path::Path;
 use test_support::ResultsPage;
 
@@ -26,6 +26,8 @@ pub(crate) fn write(out: &Path, joints_only: bool) -> Result<(), String> {
     let mut tables = tables::blocked_tables(&all, &blocked);
     tables += "\n![Steps of 20 % of rated](torque-control.svg)\n";
     tables += &tables::moved_table(&all, &moved);
+    eprintln!("bristles");
+    tables += &bristles::table()?;
     if !joints_only {
         eprintln!("robots");
         let (text, more) = rows::tables()?;

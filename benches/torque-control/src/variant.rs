@@ -40,10 +40,21 @@ pub(crate) struct Conditions {
     pub(crate) draw: u64,
     /// Friction that the law foresees over that of robot.toml.
     pub(crate) friction: f64,
+    /// Bristles of the drives' friction; none: those of sim.toml, of which robot.toml says nothing.
+    pub(crate) bristles: Option<Bristles>,
     /// Share of lost commands.
     pub(crate) lost: f64,
     /// Disturbance of the joint.
     pub(crate) happens: Happens,
+}
+
+/// Bristles of friction, by the way of the motor over which they bend before they slide, rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Bristles {
+    /// The plant's.
+    pub(crate) way: f64,
+    /// The law's over the plant's; none: it is not configured.
+    pub(crate) known: Option<f64>,
 }
 
 /// Disturbance of a robot in its motion.
@@ -68,6 +79,7 @@ impl Conditions {
             error: 0.0,
             draw: 0,
             friction: 1.0,
+            bristles: None,
             lost: 0.0,
             happens: Happens::Nothing,
         }
@@ -109,6 +121,10 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
             });
         }
     }
+    if let Some(bristles) = conditions.bristles {
+        bend(bristles, robot, sim);
+    }
+    let p = &mut robot.parameters;
     let by_sensors = !p.ft_sensors.is_empty();
     p.torque_law = match conditions.law {
         Law::D { .. } if by_sensors => TorqueLaw::ProportionalIntegral(TorqueFeedback::WholeBody),
@@ -154,6 +170,21 @@ pub(crate) fn apply(conditions: &Conditions, robot: &mut Robot, sim: &mut SimPar
                     *dead_zone *= error();
                 }
             }
+        }
+    }
+}
+
+/// Gives the plant's friction its bristles, and the law what it knows of them.
+fn bend(bristles: Bristles, robot: &mut Robot, sim: &mut SimParameters) {
+    for joint in &mut robot.parameters.joints {
+        let Some(friction) = (sim.drives.get_mut(&joint.drive)).map(|drive| &mut drive.friction)
+        else {
+            continue;
+        };
+        friction.presliding = bristles.way;
+        if let Some(share) = bristles.known {
+            let known = &mut joint.law.friction;
+            known.stiffness = known.level * joint.estimator.gear_ratio / (share * bristles.way);
         }
     }
 }

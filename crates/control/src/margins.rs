@@ -26,7 +26,7 @@ pub enum Load {
     /// The link cannot move.
     Blocked,
     /// The link cannot move, and the rotor hangs in its friction: bristles twice as stiff as the
-    /// gear.
+    /// gear, or as the law knows them, if that is more.
     Stuck,
     /// The link moves freely.
     Free,
@@ -64,6 +64,9 @@ impl Load {
     }
 }
 
+/// Stiffness of a stuck rotor's bristles over that of the gear: the own plant's are once to twice as stiff.
+const STUCK: f64 = 2.0;
+
 /// A joint with its drive and its law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLoop {
@@ -90,6 +93,11 @@ pub struct JointLoop {
 }
 
 impl JointLoop {
+    /// Stiffness of the friction in which a stuck rotor hangs, N·m/rad, with this one of the gear.
+    fn stick(&self, gear: f64) -> f64 {
+        self.truth.friction.stiffness.max(STUCK * gear)
+    }
+
     /// A joint that is as the law takes it, without stiffness in space.
     #[must_use]
     pub fn nominal(law: LawParameters, drive_lag: f64, link_inertia: f64) -> Self {

@@ -43,6 +43,8 @@ pub(crate) struct Drive {
     pub(crate) sampling: Sampling,
     pub(crate) compliance: ComplianceParameters,
     pub(crate) wave_generator: WaveGeneratorParameters,
+    /// Way of the motor over which its friction builds up, rad; none: not known.
+    pub(crate) presliding: Option<f64>,
     pub(crate) model: DriveModel,
     /// Time in which the drive answers a command, s.
     pub(crate) lag: f64,
@@ -156,6 +158,7 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
     let thermal = section.optional_section("thermal").map(thermal::read);
     section.finish();
     let (compliance, low_pass_pole, torsion_sigma) = compliance?;
+    let (wave_generator, presliding) = friction?;
     let model = match command {
         Command::Position => DriveModel::Position(takes_position(motor?, 1.0 / compliance.k_fs0)),
         Command::Current => DriveModel::Current(takes_current(motor?, current_limit)),
@@ -174,7 +177,8 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
         flat_after,
         sampling,
         compliance,
-        wave_generator: friction?,
+        wave_generator,
+        presliding,
         model,
         lag,
         profile,
@@ -261,7 +265,11 @@ fn compliance(section: Section<'_, '_>) -> (ComplianceParameters, f64, f64) {
     (parameters, pole, sigma)
 }
 
-fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorParameters {
+/// Friction of the motor, and the way over which it builds up.
+fn friction(
+    section: Section<'_, '_>,
+    torque_constant: f64,
+) -> (WaveGeneratorParameters, Option<f64>) {
     // It is the motor's.
     let section = section.of_kind(JointKind::Revolute);
     let rules = [
@@ -275,8 +283,9 @@ fn friction(section: Section<'_, '_>, torque_constant: f64) -> WaveGeneratorPara
         epsilon: section.number("epsilon_rad_per_s", Allowed::Positive),
         rule: section.choice_or("rule", FrictionRule::Physical, &rules),
     };
+    let presliding = section.optional_number("presliding_rad", Allowed::Within(1e-4, 1.0));
     section.finish();
-    parameters
+    (parameters, presliding)
 }
 
 /// Least angle by torque that is left to the drive's own loop, rad/(N·m) or m/N: so stiff that a joint's gear is all.

@@ -167,7 +167,9 @@ impl Reader<'_, '_, '_> {
         // Control's model of the drive: without a link-side encoder it does not see the gear.
         let seen = at_motor.as_ref().or(drive);
         let torque_limit = section.number("torque_limit_Nm", Allowed::Positive);
-        let limits = self.limits(torque_limit, seen, model.zip(model_index));
+        let in_model = model.zip(model_index);
+        let inertia = in_model.map_or(0.0, |(model, j)| inertia(model, j));
+        let limits = self.limits(torque_limit, seen, (in_model, inertia));
         let gains = self.gains(seen);
         let kinematic_error = self.kinematic_error();
         let longest = sampling::MAX_PERIODS * self.timing.sample_period * 1e6;
@@ -205,9 +207,6 @@ impl Reader<'_, '_, '_> {
             section.has(key);
         }
 
-        let inertia = model
-            .zip(model_index)
-            .map_or(0.0, |(model, j)| inertia(model, j));
         let (drive, seen, signals) = (drive?, seen?, signals?);
         let motor_angle = signals.motor_angle?;
         let link_angle = match has_link {

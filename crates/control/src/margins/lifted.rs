@@ -188,7 +188,7 @@ impl<const N: usize> Simulated<N> {
             gear_damping: 2.0 * joint.gear_damping * (gear * joint.truth.rotor_inertia).sqrt(),
             inverse_rotor_inertia: 1.0 / joint.truth.rotor_inertia,
             stick: loads.map(|load| match load {
-                Load::Stuck => 2.0 * gear,
+                Load::Stuck => joint.stick(gear),
                 _ => 0.0,
             }),
             link: [0, 1, 2].map(|i| link.map(|of_lane| of_lane[i])),

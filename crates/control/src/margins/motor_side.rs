@@ -254,7 +254,11 @@ impl MotorSideLoop {
             Load::Heavy => Some(mass(5.0)),
             Load::Spring => Some(mass(1.0) + (one + s * 1e-3) * (gear / 3.0)),
         };
-        let stick = if load == Load::Stuck { 2.0 * gear } else { 0.0 };
+        let stick = if load == Load::Stuck {
+            super::STUCK * gear
+        } else {
+            0.0
+        };
         let z = held.map_or(spring, |held| spring * held / (spring + held));
         let theta = one / (s * s * inertia + z + stick);
         (theta, z * theta)

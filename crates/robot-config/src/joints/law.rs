@@ -13,8 +13,8 @@ const DISTURBANCE_SHARE: f64 = 0.25;
 /// Share of a drive's lag that lies in its own loop; for the rest a command waits for the loop.
 pub(super) const LAG_OF_THE_LOOP: f64 = 0.75;
 
-/// Stiffness of friction's bristles over that of the gear. They are once to twice as stiff; less than
-/// the truth is foreseen too late, more than it too early, which is worse.
+/// Stiffness of friction's bristles over that of the gear, where `presliding_rad` does not say it. They are once to
+/// twice as stiff on the own plant; less than the truth is foreseen too late, more than it too early, which is worse.
 const BRISTLES: f64 = 1.2;
 
 impl Reader<'_, '_, '_> {
@@ -22,6 +22,7 @@ impl Reader<'_, '_, '_> {
         self.can_integrate(drive);
         let n = drive.gear_ratio;
         let c = &drive.compliance;
+        let level = drive.wave_generator.friction * n;
         LawParameters {
             sample_period: self.timing.sample_period,
             delay: self.feedback.command_delay + drive.lag,
@@ -34,8 +35,8 @@ impl Reader<'_, '_, '_> {
                 c_wg: c.c_wg / n,
             },
             friction: FrictionModel {
-                level: drive.wave_generator.friction * n,
-                stiffness: BRISTLES * c.k_fs0,
+                level,
+                stiffness: (drive.presliding).map_or(BRISTLES * c.k_fs0, |way| level * n / way),
             },
             torque_limit: limits.torque,
             disturbance_limit: DISTURBANCE_SHARE * limits.torque,

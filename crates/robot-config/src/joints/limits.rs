@@ -1,6 +1,6 @@
 //! Limits of a joint: position, velocity, torque, power, lead of the command.
 
-use super::{Reader, inertia};
+use super::Reader;
 use crate::drives::Drive;
 use crate::reader::Allowed;
 use crate::wiring::Reach;
@@ -84,7 +84,7 @@ impl Reader<'_, '_, '_> {
         &self,
         torque_limit: f64,
         drive: Option<&Drive>,
-        joint: Option<(&Model, usize)>,
+        (joint, inertia): (Option<(&Model, usize)>, f64),
     ) -> Option<Limits> {
         let section = self.section;
         let lead = section.optional_number("delta_q_limit_deg", Allowed::Positive);
@@ -160,7 +160,7 @@ impl Reader<'_, '_, '_> {
             lead: self.lead(lead, torque, drive),
             rest: kind.threshold(REST),
             gives_way: kind.threshold(GIVES_WAY),
-            braking: self.braking(drive, joint.map_or(0.0, |(model, j)| inertia(model, j))),
+            braking: self.braking(drive, inertia),
         })
     }
 

@@ -28,6 +28,25 @@ fn gains_may_be_given_in_the_commanded_position() {
     );
 }
 
+/// sigma = F_c / presliding, both link side; without the key 1.2 times the gear's.
+#[test]
+fn the_way_over_which_friction_builds_up_is_the_laws() {
+    let friction = |files: Files| {
+        let robot = files.load(LEG).unwrap_or_else(|e| panic!("{e}"));
+        robot.parameters.joints[2].law.friction
+    };
+    let unknown = friction(Files::new());
+    let key = "[drive.hip_pitch.friction]    # motor side\n";
+    let with = |way: &str| leg_with(key, &format!("{key}presliding_rad = {way}\n"));
+    let known = friction(with("0.004"));
+    assert_eq!(known.level, unknown.level);
+    let way = known.level / known.stiffness;
+    assert!((way - 0.004 / 100.0).abs() < 1e-12, "{way}");
+    assert!((known.stiffness / unknown.stiffness - 1.0).abs() > 0.1);
+    let text = with("0.0").errors(LEG);
+    assert!(text.contains("friction.presliding_rad"), "{text}");
+}
+
 /// The leg with one joint on a current-commanded drive.
 fn with_current_drive(limit: &str) -> Files {
     let motor = "K_tau_rad_per_Nm = 0.000212  # = 1/K_fs0 + 1/(7403 N·m/rad of the drive's position loop)\nK_v_s = 0.013\nK_c_rad = 0.0\ndead_zone_rad = 0.000113  # 3 % of rated torque\n";
