@@ -116,6 +116,7 @@ fn parameters(
         frame: place(&s.frame),
         sigma_force: s.sigma_N,
         sigma_torque: s.sigma_Nm,
+        lasting: whole_body::LastingErrors::default(),
     };
     WholeBodyParameters {
         joints: joints.to_vec(),
@@ -124,6 +125,7 @@ fn parameters(
         source: MotionSource::Imu(ImuParameters {
             frame: place(&file.imu.frame),
             sigma_accelerometer: file.imu.sigma_m_per_s2,
+            lasting_accelerometer: 0.0,
             sigma_angular_acceleration: 0.0,
         }),
         hypotheses: vec![contacts],

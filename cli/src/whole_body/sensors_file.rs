@@ -6,8 +6,8 @@ use problem::{Problem, line_at};
 use serde::Deserialize;
 use toml::Spanned;
 use whole_body::{
-    ContactProblem, FtSensorParameters, Hypothesis, ImuParameters, MotionSource, Place, Residual,
-    Weighting, WholeBody, WholeBodyError, WholeBodyParameters,
+    ContactProblem, FtSensorParameters, Hypothesis, ImuParameters, LastingErrors, MotionSource,
+    Place, Residual, Weighting, WholeBody, WholeBodyError, WholeBodyParameters,
 };
 
 /// Sensors of a robot and their places; docs/whole-body-files.md describes the format.
@@ -269,11 +269,13 @@ impl SensorsFile {
             frame: place(s.frame.get_ref(), s.xyz_m, s.rpy_deg),
             sigma_force: s.sigma_force,
             sigma_torque: s.sigma_torque,
+            lasting: LastingErrors::default(),
         };
         let source = match (&self.imu, &self.fixed_base) {
             (Some(imu), _) => MotionSource::Imu(ImuParameters {
                 frame: place(imu.frame.get_ref(), imu.xyz_m, imu.rpy_deg),
                 sigma_accelerometer: imu.sigma_m_per_s2,
+                lasting_accelerometer: 0.0,
                 sigma_angular_acceleration: imu.sigma_rad_per_s2,
             }),
             (None, Some(fixed)) => MotionSource::Fixed {

@@ -18,6 +18,7 @@ mod current;
 mod delay_compensation;
 mod external_torque;
 mod gravity_load;
+mod level_fusion;
 mod power;
 mod usable;
 mod whole_body;
@@ -51,9 +52,8 @@ pub(crate) use usable::{UNUSABLE, valid};
 pub(crate) struct Estimate {
     /// Estimator of each joint; none for a joint without a link-side encoder.
     joints: Vec<Option<AnyEstimator>>,
-    /// Torques of the joints' estimators without their filters' delay, N·m; see
-    /// [`estimators::joint::JointTorqueEstimator::undelayed`].
-    undelayed: Vec<Option<f64>>,
+    /// What else is known of each joint's torque from encoders.
+    beside: Vec<Beside>,
     currents: CurrentTorques,
     power: Power,
     gravity_load: GravityLoad,
@@ -66,6 +66,15 @@ pub(crate) struct Estimate {
     external_torque: Option<ExternalTorque>,
     /// The settings in use.
     settings: Settings,
+}
+
+/// What an estimator knows of its torque beside that torque.
+#[derive(Debug, Clone, Copy, Default)]
+struct Beside {
+    /// The torque without its filters' delay, N·m; see [`estimators::joint::JointTorqueEstimator::undelayed`].
+    undelayed: Option<f64>,
+    /// Standard deviation by its past, N·m.
+    past: f64,
 }
 
 /// Samples over which a joint is tared.
@@ -87,7 +96,7 @@ impl Estimate {
         Ok(Self {
             disagreed: vec![false; parameters.joints.len()],
             taring: vec![0; parameters.joints.len()],
-            undelayed: vec![None; parameters.joints.len()],
+            beside: vec![Beside::default(); parameters.joints.len()],
             joints: parameters
                 .joints
                 .iter()
@@ -156,7 +165,7 @@ impl Estimate {
         let shares = self.whole_body.contact_set_shares();
         let followed = follows.then_some(&measured.joints[..]);
         let joints = &mut estimated.joints[..];
-        let torques = (joints, &self.undelayed[..]);
+        let torques = (joints, &self.beside[..]);
         (self.delay_compensation).update(measure, shares, followed, torques, counts);
         let whole_body = self.whole_body.estimator();
         if let Some(external_torque) = &mut self.external_torque {
@@ -211,12 +220,12 @@ impl Estimate {
         counts: &mut Counts,
     ) {
         let samples = measure.samples().iter();
-        let states = self.disagreed.iter_mut().zip(&mut self.undelayed);
+        let states = self.disagreed.iter_mut().zip(&mut self.beside);
         let estimators = self.joints.iter_mut().zip(states);
         for (index, ((estimator, sample), joint)) in estimators.zip(samples).zip(joints).enumerate()
         {
-            let (estimator, (disagreed, undelayed)) = estimator;
-            *undelayed = None;
+            let (estimator, (disagreed, beside)) = estimator;
+            *beside = Beside::default();
             let Some(estimator) = estimator else {
                 joint.tau_encoder = TorqueEstimate::default();
                 continue;
@@ -233,7 +242,10 @@ impl Estimate {
                     flags: sample.flags | off,
                     ..*sample
                 });
-                *undelayed = estimator.undelayed();
+                *beside = Beside {
+                    undelayed: estimator.undelayed(),
+                    past: estimator.past(),
+                };
                 checked(torque, joint.tau_encoder, counts)
             };
             if let (Some(left @ 1..), Some(tare)) = (

@@ -237,7 +237,7 @@ impl Joints {
             Feedback::Torsion { offset } => fast.torsion.map(|torsion| torsion + offset),
             Feedback::Estimated { pressing } => {
                 let torque = fast.fed_back(self.torque_law, estimated);
-                (self.level_corrections).update(j, pressing, torque, &estimated.tau_hat)
+                (self.level_corrections).update(j, pressing, torque, &fast.by_sensors)
             }
         }
     }

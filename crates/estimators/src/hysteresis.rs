@@ -340,6 +340,15 @@ impl JointTorqueEstimator for HysteresisEstimator {
         (self.gear).learn(tau - last.tau, sigma, self.parameters.sample_period)
     }
 
+    fn past(&self) -> f64 {
+        let tared = self.uncertainty.as_ref().is_none_or(Uncertainty::tared);
+        if tared {
+            return 0.0;
+        }
+        let [gear, bearing] = self.gear.unknown();
+        gear.hypot(bearing)
+    }
+
     fn tare(&mut self, sigma: f64) {
         let slope = self.slope;
         if let Some(uncertainty) = &mut self.uncertainty {

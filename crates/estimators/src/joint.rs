@@ -52,6 +52,11 @@ pub trait JointTorqueEstimator {
     fn show(&mut self, _tau: f64, _sigma: f64) -> f64 {
         0.0
     }
+    /// Standard deviation of the torque at the last sample by the estimator's past, N·m: [`Self::show`] makes the torque
+    /// follow another one by as much, whose errors it has from then on.
+    fn past(&self) -> f64 {
+        0.0
+    }
     /// Whether sources that fail for different reasons have long been further apart than their sigmas
     /// allow; never for a single source.
     fn disagrees(&self) -> bool {

@@ -59,6 +59,10 @@ impl JointTorqueEstimator for AtRadius {
         self.turning.show(tau * self.radius, sigma * self.radius) / self.radius
     }
 
+    fn past(&self) -> f64 {
+        self.turning.past() / self.radius
+    }
+
     fn disagrees(&self) -> bool {
         self.turning.disagrees()
     }

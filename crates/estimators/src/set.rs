@@ -268,6 +268,16 @@ impl JointTorqueEstimator for EstimatorSet {
         source.map_or(0.0, |source| source.show(tau, sigma))
     }
 
+    /// That of the gear, by its weight in the fused torque: of minimum variance it is the quotient of both variances.
+    fn past(&self) -> f64 {
+        let gear = self.places.gear;
+        let gear = gear.and_then(|i| self.sources.get(i).zip(self.estimates.get(i)));
+        gear.map_or(0.0, |(source, estimate)| {
+            let quotient = self.fused.sigma / estimate.sigma.max(f64::MIN_POSITIVE);
+            source.past() * quotient.min(1.0).powi(2)
+        })
+    }
+
     fn disagrees(&self) -> bool {
         self.fusion.as_ref().is_some_and(Fusion::disagrees)
     }

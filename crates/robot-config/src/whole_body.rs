@@ -36,6 +36,7 @@ pub fn whole_body_parameters(
         frame: Place::link(&ft.sensor.frame),
         sigma_force: value * ft.sensor.sigma_force,
         sigma_torque: value * ft.sensor.sigma_torque,
+        lasting: ft.sensor.lasting,
     };
     let settings = &parameters.whole_body;
     let source = match (model.base(), &settings.stand, parameters.imus.first()) {
@@ -50,6 +51,7 @@ pub fn whole_body_parameters(
         (Base::Floating, None, Some(imu)) => MotionSource::Imu(ImuParameters {
             frame: Place::link(&imu.frame),
             sigma_accelerometer: value * imu.sigma_accelerometer,
+            lasting_accelerometer: parameters.tare.accelerometer_bias,
             sigma_angular_acceleration: match settings.angular_acceleration {
                 AngularAcceleration::Differentiate => rate * imu.sigma_gyro,
                 AngularAcceleration::Neglect => 0.0,

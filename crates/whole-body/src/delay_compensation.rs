@@ -210,6 +210,12 @@ impl DelayCompensator {
         self.difference
     }
 
+    /// The fast source's torque as `tau_hat` takes it: a short average, N·m.
+    #[must_use]
+    pub fn fast(&self) -> f64 {
+        self.fast.mean(self.smoothing)
+    }
+
     /// g: torque per torque of the fast source.
     #[must_use]
     pub fn gain(&self) -> f64 {

@@ -119,6 +119,7 @@ impl WholeBody {
         let estimate = WholeBodyEstimate {
             tau: vec![0.0; layout.joints.len()],
             sigma: vec![0.0; layout.joints.len()],
+            lasting_sigma: vec![0.0; layout.joints.len()],
             contacts: vec![ContactEstimate::default(); longest.unwrap_or(0)],
             parts: vec![PartEstimate::default(); parts],
             valid: false,
@@ -211,6 +212,7 @@ impl WholeBody {
             if refresh {
                 self.publish_sigmas()
             } else {
+                (self.next.lasting_sigma).clone_from(&self.estimate.lasting_sigma);
                 self.next.sigma.clone_from(&self.estimate.sigma)
             }
             if extent == Extent::Whole {

@@ -300,10 +300,14 @@ fn sigmas(p: &WholeBodyParameters) -> Result<(), WholeBodyError> {
     for s in &p.ft_sensors {
         check(format!("F/T sensor `{}`", s.name), Some(&s.sigma_force))?;
         check(format!("F/T sensor `{}`", s.name), Some(&s.sigma_torque))?;
+        for lasting in [s.lasting.force, s.lasting.torque, s.lasting.share] {
+            check(format!("F/T sensor `{}`", s.name), Some(&lasting))?;
+        }
     }
     match &p.source {
         MotionSource::Imu(imu) => {
             check("the accelerometer".into(), Some(&imu.sigma_accelerometer))?;
+            check("the accelerometer".into(), Some(&imu.lasting_accelerometer))?;
             let sigma = &imu.sigma_angular_acceleration;
             check("the angular acceleration".into(), Some(sigma))?;
         }

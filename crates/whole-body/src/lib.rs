@@ -48,8 +48,8 @@ pub use estimator::{ContactEstimate, PartEstimate, WholeBody, WholeBodyEstimate,
 pub use layout::part_of_link;
 pub use momentum::{MomentumObserver, MomentumObserverParameters};
 pub use parameters::{
-    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
-    Place, Residual, Weighting, WholeBodyParameters,
+    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, LastingErrors,
+    MotionSource, Place, Residual, Weighting, WholeBodyParameters,
 };
 pub use switching::{ContactSwitch, ContactSwitchParameters, LoadRule};
 pub use tare::{Tare, TareError, TareParameters, TareResult};

@@ -36,6 +36,19 @@ pub struct FtSensorParameters {
     pub sigma_force: f64,
     /// Standard deviation of each torque axis as passed to `update`, N·m.
     pub sigma_torque: f64,
+    /// Errors that last, beside those of single samples.
+    pub lasting: LastingErrors,
+}
+
+/// Errors of an F/T sensor that no average removes, as standard deviations of each axis.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LastingErrors {
+    /// Of the force where nothing acts: what a tare leaves, N.
+    pub force: f64,
+    /// The same of the torque, N·m.
+    pub torque: f64,
+    /// Share of the force, and of the torque, that acts: gain, cross-talk, alignment, 1.
+    pub share: f64,
 }
 
 /// Source of the motion of the whole robot in space.
@@ -61,6 +74,8 @@ pub struct ImuParameters {
     pub sigma_accelerometer: f64,
     /// Standard deviation of each axis of the angular acceleration as passed to `update`, rad/s².
     pub sigma_angular_acceleration: f64,
+    /// Standard deviation of what lasts of each accelerometer axis' errors: its bias, m/s².
+    pub lasting_accelerometer: f64,
 }
 
 /// Unknowns of a contact.

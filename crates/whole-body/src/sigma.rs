@@ -14,9 +14,9 @@ use crate::contacts::ContactSet;
 use crate::covariance::{Covariance, Six6};
 use crate::layout::Layout;
 use crate::mechanics::Mechanics;
-use crate::parameters::{MotionSource, Residual, WholeBodyParameters};
+use crate::parameters::{LastingErrors, MotionSource, Residual, WholeBodyParameters};
 use crate::solution::{Hypotheses, about};
-use dynamics::{Force, Model, Motion};
+use dynamics::{Force, Model, Motion, Se3};
 use nalgebra::Vector3;
 
 /// Variances and the memory to compute them.
@@ -24,7 +24,10 @@ use nalgebra::Vector3;
 pub(crate) struct Sigma {
     /// Per sensor: of force and torque.
     sensor: Vec<[f64; 2]>,
+    /// Per sensor.
+    lasting: Vec<LastingErrors>,
     accelerometer: f64,
+    lasting_accelerometer: f64,
     angular_acceleration: f64,
     model: f64,
     /// Per model's joint.
@@ -44,6 +47,8 @@ pub(crate) struct Sigma {
     pub(crate) covariance: Vec<Six6>,
     /// Per model's joint.
     pub(crate) variance: Vec<f64>,
+    /// Per model's joint: variance by what lasts of the errors of sensors.
+    pub(crate) lasting_variance: Vec<f64>,
 }
 
 /// Relations of joints and parts that follow from the tree.
@@ -165,12 +170,13 @@ impl Sigma {
         for (&joint, sigma) in layout.joints.iter().zip(&p.sigma_ddq) {
             ddq[joint] = sigma * sigma;
         }
-        let (accelerometer, angular_acceleration) = match &p.source {
-            MotionSource::Imu(imu) => (
+        let [accelerometer, angular_acceleration, lasting_accelerometer] = match &p.source {
+            MotionSource::Imu(imu) => [
                 imu.sigma_accelerometer.powi(2),
                 imu.sigma_angular_acceleration.powi(2),
-            ),
-            MotionSource::Fixed { .. } => (0.0, 0.0),
+                imu.lasting_accelerometer.powi(2),
+            ],
+            MotionSource::Fixed { .. } => [0.0; 3],
         };
         let of_sensor = |s: &crate::layout::Sensor| {
             let s = &p.ft_sensors[s.input];
@@ -178,7 +184,11 @@ impl Sigma {
         };
         Self {
             sensor: layout.sensors.iter().map(of_sensor).collect(),
+            lasting: (layout.sensors.iter())
+                .map(|s| p.ft_sensors[s.input].lasting)
+                .collect(),
             accelerometer,
+            lasting_accelerometer,
             angular_acceleration,
             model: p.sigma_model.powi(2),
             ddq,
@@ -195,6 +205,7 @@ impl Sigma {
             },
             covariance: vec![[[0.0; 6]; 6]; parts],
             variance: vec![0.0; joints],
+            lasting_variance: vec![0.0; joints],
         }
     }
 
@@ -286,6 +297,7 @@ impl Sigma {
                 response.joints[self.relations.joint[k]] -= m.axis[k].dot(response.uniform);
             }
             self.variance[joint] = self.squares(m, &source);
+            self.lasting_variance[joint] = self.lasting_squares(m);
         }
     }
 
@@ -347,6 +359,25 @@ impl Sigma {
                 response.sensors[s] -= z * sign;
             }
         }
+    }
+
+    /// Variance of an output by what lasts of the errors of F/T sensors and accelerometer. The share of what a sensor
+    /// bears is independent between sensors and axes: nobody knows the signs of its gains and cross-talk.
+    fn lasting_squares(&self, m: &Mechanics) -> f64 {
+        let sensors = (self.response.sensors.iter()).zip(m.sensor_frame.iter().zip(&m.reading));
+        let sensor =
+            |((motion, (frame, reading)), errors): ((&Motion, (&Se3, &Force)), &LastingErrors)| {
+                let p = &frame.translation;
+                let linear = motion.linear + motion.angular.cross(p);
+                let torque = reading.angular - p.cross(&reading.linear);
+                let share = errors.share.powi(2);
+                let force = errors.force.powi(2) + share * reading.linear.norm_squared();
+                let torque = errors.torque.powi(2) + share * torque.norm_squared();
+                force * linear.norm_squared() + torque * motion.angular.norm_squared()
+            };
+        let by_sensors: f64 = sensors.zip(&self.lasting).map(sensor).sum();
+        let whole = self.response.uniform.linear.norm_squared();
+        by_sensors + self.lasting_accelerometer * whole
     }
 
     /// Variance of an output from its responses.

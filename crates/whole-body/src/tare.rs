@@ -142,6 +142,7 @@ impl Tare {
         if let MotionSource::Imu(imu) = &mut p.source {
             imu.sigma_accelerometer = parameters.accelerometer_bias;
             imu.sigma_angular_acceleration = 0.0;
+            imu.lasting_accelerometer = 0.0;
         }
         p.sigma_ddq.fill(0.0);
         p.sigma_model = parameters.sigma_model;

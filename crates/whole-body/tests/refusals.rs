@@ -5,8 +5,8 @@ use dynamics::{Base, ImuMotion, Model, Se3};
 use nalgebra::Vector3;
 use robot_state::Wrench;
 use whole_body::{
-    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
-    Place, Residual, Weighting, WholeBody, WholeBodyInput, WholeBodyParameters,
+    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, LastingErrors,
+    MotionSource, Place, Residual, Weighting, WholeBody, WholeBodyInput, WholeBodyParameters,
 };
 
 /// hip -j1- thigh -j2- shank -(sensor)- ankle, and a toe -j3- on the ankle.
@@ -52,6 +52,7 @@ fn sensor(name: &str, cut: &str) -> FtSensorParameters {
         frame: Place::link(cut),
         sigma_force: 0.3,
         sigma_torque: 0.02,
+        lasting: LastingErrors::default(),
     }
 }
 
@@ -63,6 +64,7 @@ fn parameters(contacts: &[ContactParameters]) -> WholeBodyParameters {
         source: MotionSource::Imu(ImuParameters {
             frame: Place::link("hip"),
             sigma_accelerometer: 0.05,
+            lasting_accelerometer: 0.0,
             sigma_angular_acceleration: 0.0,
         }),
         hypotheses: vec![Hypothesis {

@@ -7,7 +7,8 @@ use common::{Robot, Scene};
 use robot_state::Wrench;
 use test_support::Random;
 use whole_body::{
-    MotionSource, Residual, Weighting, WholeBody, WholeBodyEstimate, WholeBodyParameters,
+    LastingErrors, MotionSource, Residual, Weighting, WholeBody, WholeBodyEstimate,
+    WholeBodyParameters,
 };
 
 const COMBINATIONS: [(Weighting, Residual); 4] = [
@@ -254,4 +255,59 @@ fn sigma_is_the_spread_of_random_draws() {
 #[ignore = "ten minutes"]
 fn sigma_is_the_spread_of_many_random_draws() {
     assert!(monte_carlo(0..100, 100_000) < 0.02);
+}
+
+/// What lasts of an F/T sensor's errors: each axis errs by its offset, and by a share of the whole force or torque.
+#[test]
+fn lasting_errors_are_those_of_the_readings() {
+    let lasting = LastingErrors {
+        force: 0.7,
+        torque: 0.05,
+        share: 0.03,
+    };
+    for seed in 0..100 {
+        let robot = Robot::random(seed);
+        let scene = Scene::random(&robot, seed ^ 4);
+        for (weighting, residual) in COMBINATIONS {
+            let mut parameters = WholeBodyParameters {
+                weighting,
+                residual,
+                ..robot.parameters()
+            };
+            for sensor in &mut parameters.ft_sensors {
+                sensor.lasting = lasting;
+            }
+            let mut whole_body = WholeBody::new(&robot.model, &parameters).unwrap();
+            let reference = whole_body.update(&scene.input()).clone();
+            let mut variance = vec![0.0; reference.tau.len()];
+            for s in 0..parameters.ft_sensors.len() {
+                let size = |w: [f64; 3]| w.iter().map(|x| x * x).sum::<f64>();
+                let Wrench { force, torque } = scene.ft[s];
+                let square = |offset: f64, w| offset.powi(2) + lasting.share.powi(2) * size(w);
+                for axis in 0..6 {
+                    let mut moved = scene.clone();
+                    let variance_of_axis = if axis < 3 {
+                        moved.ft[s].force[axis] += 1.0;
+                        square(lasting.force, force)
+                    } else {
+                        moved.ft[s].torque[axis - 3] += 1.0;
+                        square(lasting.torque, torque)
+                    };
+                    let moved = whole_body.update(&moved.input());
+                    let effects = moved.tau.iter().zip(&reference.tau);
+                    for (v, (a, b)) in variance.iter_mut().zip(effects) {
+                        *v += variance_of_axis * (a - b).powi(2);
+                    }
+                }
+            }
+            let tolerance = 1e-7 * largest(&reference.lasting_sigma);
+            for (ours, variance) in reference.lasting_sigma.iter().zip(&variance) {
+                let expected = variance.sqrt();
+                assert!(
+                    (ours - expected).abs() <= tolerance,
+                    "robot {seed}, {weighting:?}, {residual:?}: {ours}, not {expected}"
+                );
+            }
+        }
+    }
 }

@@ -8,9 +8,11 @@ use estimators::compliance::JointEstimatorParameters;
 use estimators::filter_bank::FilterBank;
 use problem::Problem;
 use robot_config::{FastTorqueFeedback, JointCalibration, JointParameters, Robot, TorqueLaw};
-use robot_state::{Event, JointEstimated, JointMeasured, torque_flags};
+use robot_state::{Event, JointEstimated, JointMeasured, TorqueEstimate, torque_flags};
 use whole_body::{DelayCompensator, DelayCompensatorParameters, DelayedTorque, WholeBody};
 
+use super::Beside;
+use super::level_fusion::{LevelFusion, Levels};
 use super::usable::{UNUSABLE, valid};
 use super::whole_body::{Place, estimator};
 use crate::events::Counts;
@@ -46,6 +48,7 @@ enum Fast {
 struct Joint {
     fast: Fast,
     compensator: DelayCompensator,
+    level: LevelFusion,
     torque_limit: f64,
     /// Part of the torque from encoders that F/T sensors and rigid-body model have shown, N·m: no change of the
     /// torque, so that the compensator does not see it.
@@ -62,6 +65,33 @@ pub(crate) struct FastTorque {
     /// By torsion, on the level of F/T sensors and rigid-body model: for feedback, and to be judged.
     pub(crate) levelled: Option<f64>,
     pub(crate) levelled_freely: Option<f64>,
+    /// `tau_hat` on the level of F/T sensors and rigid-body model alone: to be judged beside `torsion`, of whose errors
+    /// the published one has a share.
+    pub(crate) by_sensors: TorqueEstimate,
+}
+
+impl Joint {
+    /// Moves the torque to the level of encoders and F/T sensors. `error`: the latter less the former of one instant,
+    /// N·m; none without a torque by torsion. Standard deviations of both: of encoders that by their past besides, of
+    /// F/T sensors that of errors that last.
+    fn fuse(
+        &mut self,
+        error: Option<f64>,
+        [fast_sigma, delayed_sigma]: [[f64; 2]; 2],
+        estimate: &mut TorqueEstimate,
+    ) {
+        let [_, lasting] = delayed_sigma;
+        let levels = error.map(|difference| Levels {
+            difference,
+            now: estimate.tau - self.compensator.fast() - self.shown,
+            fast_sigma,
+            delayed_sigma,
+        });
+        if levels.is_none() {
+            estimate.sigma = estimate.sigma.hypot(lasting);
+        }
+        self.level.update(levels, estimate);
+    }
 }
 
 impl FastTorque {
@@ -106,6 +136,7 @@ impl DelayCompensation {
                 gain: (joint.calibration.as_ref()).map_or(1.0, JointCalibration::torsion_gain),
                 error_per_angle: KINEMATIC_SLOPE * joint.estimator.compliance.k_fs0,
             }),
+            level: LevelFusion::new(p.timing.sample_period, joint.limits.torque),
             torque_limit: joint.limits.torque,
             shown: 0.0,
             shows: None,
@@ -138,13 +169,13 @@ impl DelayCompensation {
     }
 
     /// `contact_set_shares`: shares of the contact sets, in config order; `measured`: the joints, while
-    /// a client's mode is active; `undelayed`: torques from encoders without their filters' delay, N·m.
+    /// a client's mode is active; `beside`: what else is known of torques from encoders.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
         contact_set_shares: &[f64],
         measured: Option<&[JointMeasured]>,
-        (joints, undelayed): (&mut [JointEstimated], &[Option<f64>]),
+        (joints, beside): (&mut [JointEstimated], &[Beside]),
         counts: &mut Counts,
     ) {
         self.whole_body.blend(contact_set_shares);
@@ -153,7 +184,7 @@ impl DelayCompensation {
         let usable = delayed.valid && measure.flags() & UNUSABLE == 0;
         for (j, (own, joint)) in self.joints.iter_mut().zip(joints).enumerate() {
             let torque = |estimate| valid(estimate).map(|estimate| estimate.tau);
-            let undelayed = undelayed.get(j).copied().flatten();
+            let Beside { undelayed, past } = beside.get(j).copied().unwrap_or_default();
             let encoder = torque(&joint.tau_encoder);
             let (fast, held_back, by_torsion) = match own.fast {
                 Fast::Compliance => (undelayed, 0.0, true),
@@ -169,26 +200,28 @@ impl DelayCompensation {
             };
             let (tau, sigma) = (delayed.tau[j], delayed.sigma[j]);
             let within_limit = usable && tau.abs() <= own.torque_limit;
+            let lasting = delayed.lasting_sigma[j];
             let delayed = within_limit.then_some(DelayedTorque { tau, sigma });
             let angle = measured
                 .and_then(|joints| joints.get(j))
                 .map(|joint| joint.q);
             own.compensator.follow(angle);
             joint.tau_hat = own.compensator.update(fast, delayed);
+            let by_sensors = joint.tau_hat;
             let error = own.compensator.difference().map(|error| error - own.shown);
+            let sigmas = [[joint.tau_encoder.sigma, past], [sigma, lasting]];
+            own.fuse(error.filter(|_| by_torsion), sigmas, &mut joint.tau_hat);
             own.shows = match own.fast {
-                Fast::Calibrated => error.map(|error| (error, sigma)),
+                Fast::Calibrated => error.map(|error| (error, sigma.hypot(lasting))),
                 Fast::Compliance | Fast::Current => None,
             };
             if let Some(torque) = self.fast.get_mut(j) {
-                *torque = if by_torsion {
-                    FastTorque {
-                        torsion: fast,
-                        levelled: own.compensator.levelled(held_back),
-                        levelled_freely: own.compensator.levelled_freely(),
-                    }
-                } else {
-                    FastTorque::default()
+                let compensator = by_torsion.then_some(&own.compensator);
+                *torque = FastTorque {
+                    torsion: fast.filter(|_| by_torsion),
+                    levelled: compensator.and_then(|own| own.levelled(held_back)),
+                    levelled_freely: compensator.and_then(DelayCompensator::levelled_freely),
+                    by_sensors,
                 };
             }
             if joint.tau_hat.flags & torque_flags::SATURATED != 0 {

@@ -89,7 +89,9 @@ impl ExternalTorque {
                 self.upper[j] = false;
                 continue;
             }
-            let change = self.change.of(j, joint.tau_hat.sigma);
+            // A change within half a second is none of the level, whose sigma counts in the published torque's.
+            let sigma = (fast.get(j)).map_or(joint.tau_hat.sigma, |fast| fast.by_sensors.sigma);
+            let change = self.change.of(j, sigma);
             let lasting = External {
                 tau: joint.tau_ext,
                 sigma: [joint.tau_encoder.sigma, joint.tau_whole_body.sigma],

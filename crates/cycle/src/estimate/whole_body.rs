@@ -115,7 +115,7 @@ impl WholeBodyStage {
             };
             let whole_body = TorqueEstimate {
                 tau: tau.max(-limit).min(limit),
-                sigma: estimate.sigma[j],
+                sigma: estimate.sigma[j].hypot(estimate.lasting_sigma[j]),
                 delay_s,
                 source: torque_source::WHOLE_BODY,
                 flags: common | saturated,

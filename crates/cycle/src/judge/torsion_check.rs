@@ -1,7 +1,7 @@
 //! Torsion check: an encoder that drifts, found by the torques that do not depend on it.
 //!
-//! In: the torque by torsion, motor current and velocity, and `tau_hat`, whose level is that of F/T
-//! sensors and rigid-body model. Out: the joints of which one encoder drifts. A drifting encoder
+//! In: the torque by torsion, motor current and velocity, and `tau_hat` on the level of F/T
+//! sensors and rigid-body model alone. Out: the joints of which one encoder drifts. A drifting encoder
 //! changes the torque by torsion alone; a load changes motor current and F/T sensors too, up to
 //! friction and errors of the models. Only changes within the last [`SLOW_S`] count: what a torque
 //! constant, friction or an inertia is wrong by all the time is the cross-check's affair.
@@ -169,7 +169,7 @@ impl Check for TorsionCheck {
                 continue;
             };
             let sound = measured_flags::FLAT | measured_flags::SATURATED;
-            let hat = valid(&estimated.tau_hat).filter(|_| joint.is_witnessed);
+            let hat = valid(&fast.by_sensors).filter(|_| joint.is_witnessed);
             let hat = hat.map(|hat| hat.tau);
             let current = (measured.flags & sound == 0).then_some(measured.current);
             if joint.update(torsion, current, measured.omega, hat, self.sample_period) {

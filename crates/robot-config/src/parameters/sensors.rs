@@ -3,7 +3,7 @@
 use crate::sampling::Sampling;
 use control::Sole;
 use supervisor::SignalParameters;
-use whole_body::FtConditioning;
+use whole_body::{FtConditioning, LastingErrors};
 
 /// Place and noise of an F/T sensor, for the whole-body estimator.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +19,8 @@ pub struct FtSensor {
     pub sigma_force: f64,
     /// Standard deviation of each torque axis of a sample, N·m.
     pub sigma_torque: f64,
+    /// Errors that last.
+    pub lasting: LastingErrors,
 }
 
 /// One F/T sensor.

@@ -224,6 +224,34 @@ fn a_reference_may_be_as_old_as_two_periods_to_a_second() {
     }
 }
 
+/// What lasts of an F/T sensor's errors: in the units of the keys, by default from a sample's noise.
+#[test]
+fn errors_of_ft_sensors_that_last_are_read_and_refused() {
+    let sensor = "name = \"ankle\"\n";
+    let with = |keys: &str| leg_with(sensor, &format!("{sensor}{keys}\n"));
+    for (keys, parts) in [
+        (
+            "reading_sigma_per_cent = 101",
+            ["ft_sensor.reading_sigma_per_cent (ankle): 101", "0 to 100"],
+        ),
+        (
+            "offset_sigma_N = -1",
+            ["ft_sensor.offset_sigma_N (ankle): -1", "allowed"],
+        ),
+    ] {
+        refused(&with(keys), LEG, keys, &parts);
+    }
+    let given = "offset_sigma_N = 2\noffset_sigma_Nm = 0.5\nreading_sigma_per_cent = 3";
+    for (keys, expected) in [(given, [2.0, 0.5, 0.03]), ("", [0.03, 0.002, 0.002])] {
+        let robot = with(keys).load(LEG);
+        let robot = robot.unwrap_or_else(|error| panic!("{keys}: {error}"));
+        let lasting = robot.parameters.ft_sensors[0].sensor.lasting;
+        let read = [lasting.force, lasting.torque, lasting.share];
+        let apart = read.iter().zip(expected).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f64::max) < 1e-12, "{keys}: {read:?}");
+    }
+}
+
 #[test]
 fn impossible_conditioning_is_refused() {
     let sensor = "name = \"ankle\"\n";

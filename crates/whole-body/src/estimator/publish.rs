@@ -19,6 +19,9 @@ impl WholeBody {
         for (sigma, &joint) in self.next.sigma.iter_mut().zip(&self.layout.joints) {
             *sigma = self.sigma.variance[joint].sqrt();
         }
+        for (sigma, &joint) in (self.next.lasting_sigma.iter_mut()).zip(&self.layout.joints) {
+            *sigma = self.sigma.lasting_variance[joint].sqrt();
+        }
     }
 
     pub(super) fn publish_torques(&mut self) {

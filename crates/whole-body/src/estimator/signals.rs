@@ -66,8 +66,11 @@ impl PartEstimate {
 pub struct WholeBodyEstimate {
     /// tau: joint torques, N·m, in the order of the parameters' joints.
     pub tau: Vec<f64>,
-    /// sigma: their standard deviations, N·m.
+    /// sigma: their standard deviations by noise and model, N·m.
     pub sigma: Vec<f64>,
+    /// Their standard deviations by what lasts of the errors of F/T sensors and accelerometer, N·m; independent of
+    /// those of `sigma`.
+    pub lasting_sigma: Vec<f64>,
     /// The contacts of the chosen hypothesis, in its order; as long as the longest has contacts.
     pub contacts: Vec<ContactEstimate>,
     /// The part with the root, then the part beyond each sensor in the parameters' order.
@@ -80,7 +83,12 @@ pub struct WholeBodyEstimate {
 impl WholeBodyEstimate {
     pub(super) fn is_finite(&self) -> bool {
         let finite = |w: &Wrench| w.to_array().iter().all(|x| x.is_finite());
-        self.tau.iter().chain(&self.sigma).all(|x| x.is_finite())
+        (self
+            .tau
+            .iter()
+            .chain(&self.sigma)
+            .chain(&self.lasting_sigma))
+        .all(|x| x.is_finite())
             && (self.contacts.iter()).all(|c| finite(&c.wrench) && finite(&c.sigma))
             && self
                 .parts

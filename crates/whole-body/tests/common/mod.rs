@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, Vector3};
 use robot_state::Wrench;
 use test_support::Random;
 use whole_body::{
-    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, MotionSource,
-    Place, Residual, Weighting, WholeBodyInput, WholeBodyParameters,
+    ContactKind, ContactParameters, FtSensorParameters, Hypothesis, ImuParameters, LastingErrors,
+    MotionSource, Place, Residual, Weighting, WholeBodyInput, WholeBodyParameters,
 };
 
 /// A random tree of links `link0`..; sensor `s` is the link `ft<s>` fixed to some link, which
@@ -171,6 +171,7 @@ impl Robot {
                 },
                 sigma_force: 0.3,
                 sigma_torque: 0.02,
+                lasting: LastingErrors::default(),
             })
             .collect();
         let mut names: Vec<String> = model.joint_names().map(Into::into).collect();
@@ -186,6 +187,7 @@ impl Robot {
                     placement: Se3::from_xyz_rpy(random.array(), random.array()),
                 },
                 sigma_accelerometer: 0.05,
+                lasting_accelerometer: 0.0,
                 sigma_angular_acceleration: 0.1,
             }),
             hypotheses: vec![Hypothesis {

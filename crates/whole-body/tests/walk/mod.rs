@@ -226,6 +226,7 @@ pub(crate) fn parameters(config: &Robot, filters: Filters) -> WholeBodyParameter
         frame: Place::link(&ft.sensor.frame),
         sigma_force: sensors.noise_gain(0) * ft.sensor.sigma_force,
         sigma_torque: sensors.noise_gain(0) * ft.sensor.sigma_torque,
+        lasting: ft.sensor.lasting,
     };
     let imu = p.imus.first().unwrap();
     WholeBodyParameters {
@@ -238,6 +239,7 @@ pub(crate) fn parameters(config: &Robot, filters: Filters) -> WholeBodyParameter
         source: MotionSource::Imu(ImuParameters {
             frame: Place::link(&imu.frame),
             sigma_accelerometer: sensors.noise_gain(0) * imu.sigma_accelerometer,
+            lasting_accelerometer: 0.02,
             sigma_angular_acceleration: sensors.noise_gain(1) * imu.sigma_gyro,
         }),
         hypotheses: vec![Hypothesis {
