@@ -42,7 +42,7 @@ struct Arguments {
     /// So many simulated hours without a fault, with pauses, late answers and lost frames; prints false stops
     #[arg(long, conflicts_with = "pairs")]
     sound: Option<f64>,
-    /// Write the counts of pairs, or of sound motion, as a page to this file
+    /// Write the counts of pairs, or single faults of some robots or states, as a page to this file
     #[arg(long, value_name = "FILE.md")]
     page: Option<PathBuf>,
     /// Seed of the pairs, or of sound motion
@@ -60,6 +60,7 @@ Examples:
   safety-bench                                     all faults, some 20 minutes on two cores
   safety-bench --json runs.jsonl                   and every single run
   safety-bench --robot leg --only \"link encoder\"   a minute
+  safety-bench --robot humanoid --start stand --page docs/results/safety-stand.md
   safety-bench --pairs 10000 --seed 7              two faults at once, some 40 minutes
   safety-bench --sound 10 --seed 7                 ten hours in which nothing is broken
 
@@ -137,16 +138,57 @@ fn work(arguments: &Arguments) -> Result<usize, String> {
         for (variant, outcome) in &outcomes {
             println!("{}", safety_bench::line(variant, outcome));
         }
+        let results = Results {
+            outcomes,
+            references,
+        };
+        if let Some(path) = &arguments.page {
+            write_page(&part(&page(&results), arguments, path), &results, path)?;
+        }
         return Ok(failed);
     }
     let results = Results {
         outcomes,
         references,
     };
-    ResultsPage::new(&page(&results))?.write(&arguments.out)?;
+    write_page(&page(&results), &results, &arguments.out)?;
     println!("{}", arguments.out.display());
-    write(&arguments.out.with_extension("csv"), &csv(&results))?;
     Ok(failed)
+}
+
+fn write_page(text: &str, results: &Results, path: &Path) -> Result<(), String> {
+    ResultsPage::new(text)?.write(path)?;
+    write(&path.with_extension("csv"), &csv(results))
+}
+
+/// The page of some robots and states: how it is made, and names of files of its own.
+fn part(text: &str, arguments: &Arguments, path: &Path) -> String {
+    let asked = [
+        ("only", &arguments.only),
+        ("robot", &arguments.robot),
+        ("start", &arguments.start),
+    ];
+    let asked = asked.iter().filter_map(|(key, value)| {
+        let value = value.as_ref()?;
+        Some(format!(" --{key} \"{value}\""))
+    });
+    let asked: String = asked.collect();
+    let stem = path
+        .file_stem()
+        .map_or("safety".into(), |stem| stem.to_string_lossy());
+    text.replace(
+        "safety-bench`",
+        &format!("safety-bench --{asked} --page FILE`"),
+    )
+    .replace("safety-at-rest.csv", &format!("{stem}-at-rest.csv"))
+    .replace(
+        "[safety.csv](safety.csv)",
+        &format!("[{stem}.csv]({stem}.csv)"),
+    )
+    .replace(
+        "# Safety: one fault at a time",
+        "# Safety: one fault at a time, of some robots and states",
+    )
 }
 
 /// Runs pairs of faults; prints the counts and the runs nearest to an injury, or beyond.

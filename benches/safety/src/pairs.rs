@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::motion::{Motion, Moved, Reference};
 use crate::rig::Fault;
 use crate::robots::Prepared;
-use crate::run::{OBSERVED, begin};
+use crate::run::{begin, observed};
 use crate::scenarios::{Bound, Place, Scenario, all, noise, places};
 
 /// Two faults, and when they begin.
@@ -142,7 +142,7 @@ pub fn run_pair(
         }
     });
     let before = rig.cycle.record().events;
-    for k in 0..OBSERVED {
+    for k in 0..observed(place.start) {
         rig.step(Some((&mut act, k)));
         motion.take(&rig);
     }

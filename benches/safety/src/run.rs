@@ -12,7 +12,9 @@ use crate::robots::Prepared;
 use crate::scenarios::{Bound, Place, Scenario, Start};
 
 /// Cycles that are observed from the fault's first one on.
-pub(crate) const OBSERVED: usize = 1000;
+const OBSERVED: usize = 1000;
+/// The same of a robot that stands: from a fault that nobody sees it takes longer to fall.
+const OBSERVED_STANDING: usize = 2000;
 /// Cycles until a robot that is switched on holds, with its filters full.
 const SETTLING: usize = 500;
 /// Further cycles until IMUs have agreed for the second that makes one stand in for another.
@@ -21,6 +23,8 @@ const AGREEING: usize = 700;
 const IN_MODE: usize = 350;
 /// The same of a frame that presses: its force feedback takes half a second to begin.
 const PRESSING: usize = 1000;
+/// The same of a robot that stands: its centre of mass is led over its soles first.
+const STANDING: usize = 2500;
 /// Share of its greatest force with which a frame presses.
 const PRESSED: f64 = 0.2;
 /// Greatest amplitude of the motion of a prismatic joint, as the share of its velocity limit at which it then
@@ -135,6 +139,14 @@ fn moving(rig: &Rig) -> Fault {
     })
 }
 
+/// Cycles that are observed.
+pub(crate) fn observed(start: Start) -> usize {
+    match start {
+        Start::Stand => OBSERVED_STANDING,
+        _ => OBSERVED,
+    }
+}
+
 /// A robot in the state in which the fault begins, and the client's motion there.
 pub(crate) fn begin(
     prepared: &Prepared,
@@ -173,6 +185,9 @@ pub(crate) fn begin(
         let force = frame.map_or(0.0, |frame| PRESSED * frame.limits.wrench[0]);
         rig.press([0.0, 0.0, force]);
         rig.run(PRESSING - IN_MODE);
+    }
+    if place.start == Start::Stand {
+        rig.run(STANDING - IN_MODE);
     }
     if place.start != Start::Motion {
         rig.run(IN_MODE);
@@ -219,8 +234,9 @@ pub fn reference(
 ) -> Result<Reference, Problem> {
     let (mut rig, mut motion) = begin(prepared, place, setup)?;
     let mut moved = Motion::of(&rig, None);
-    let mut events = Vec::with_capacity(OBSERVED);
-    for k in 0..OBSERVED {
+    let cycles = observed(place.start);
+    let mut events = Vec::with_capacity(cycles);
+    for k in 0..cycles {
         rig.step(motion.as_mut().map(|motion| (motion, k)));
         events.push(rig.cycle.record().events);
         if moves_by_itself(place.start) {
@@ -282,7 +298,8 @@ pub fn run(
         }
         fault(at, rig, k);
     });
-    for k in 0..OBSERVED {
+    let cycles = observed(place.start);
+    for k in 0..cycles {
         rig.step(Some((&mut act, k)));
         motion.take(&rig);
         let record = rig.cycle.record();
@@ -306,7 +323,7 @@ pub fn run(
     let beside = match bound {
         Bound::Torque => None,
         _ if (scenario.ideal)(&place) => Some(Beside::Ideal),
-        Bound::Physics => Some(Beside::Kept(OBSERVED)),
+        Bound::Physics => Some(Beside::Kept(cycles)),
         Bound::Gap(cycles) => Some(Beside::Kept(cycles + STEP_CYCLES)),
         _ => None,
     };
@@ -316,7 +333,7 @@ pub fn run(
     if !matches!(bound, Bound::Physics | Bound::Torque | Bound::Straying) {
         outcome.recovered = Some(recovers(&mut rig));
     }
-    outcome.verdict = judge(bound, &outcome.moved, outcome.beside.as_ref());
+    outcome.verdict = judge(bound, &outcome.moved, outcome.beside.as_ref(), cycles);
     outcome.digest = rig.digest.to_string();
     Ok(outcome)
 }
@@ -389,8 +406,8 @@ fn run_beside(
         }
     });
     let cycles = match beside {
-        Beside::Kept(cycles) => cycles.min(OBSERVED),
-        Beside::Ideal => OBSERVED,
+        Beside::Kept(cycles) => cycles.min(observed(place.start)),
+        Beside::Ideal => observed(place.start),
     };
     for k in 0..cycles {
         rig.step(Some((&mut act, k)));
@@ -417,7 +434,7 @@ fn recovers(rig: &mut Rig) -> bool {
     rig.state() == RobotState::Holding
 }
 
-fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
+fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>, cycles: usize) -> Verdict {
     let still = moved.displacement <= DISPLACEMENT && moved.speed_share <= SPEED_SHARE;
     let steps = matches!(
         bound,
@@ -443,7 +460,7 @@ fn judge(bound: Bound, moved: &Moved, beside: Option<&Moved>) -> Verdict {
         }
         Bound::Approach => moved.speed_share <= SPEED_SHARE && stepless,
         Bound::Shown(rate) => {
-            let way = rate * OBSERVED as f64 * 1e-3;
+            let way = rate * cycles as f64 * 1e-3;
             moved.displacement <= PHYSICS_MARGIN * way && moved.speed_share <= SPEED_SHARE
         }
         _ => false,

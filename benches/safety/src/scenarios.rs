@@ -80,7 +80,7 @@ pub struct Scenario {
 }
 
 use Start::{
-    Cartesian, Hold, InverseDynamics, LowGain, Motion, Passive, PowerOn, Pressing, Torque,
+    Cartesian, Hold, InverseDynamics, LowGain, Motion, Passive, PowerOn, Pressing, Stand, Torque,
     TorqueFeedback,
 };
 
@@ -93,6 +93,7 @@ pub(crate) const ALL_STARTS: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
 ];
 pub(crate) const ENABLED: &[Start] = &[
@@ -103,6 +104,7 @@ pub(crate) const ENABLED: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
 ];
 /// Motion allowed besides to a frame that presses.
@@ -114,6 +116,7 @@ pub(crate) const ENABLED_PRESSING: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
     Pressing,
 ];
@@ -124,6 +127,7 @@ pub(crate) const AT_REST: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
 ];
 pub(crate) const MODES: &[Start] = &[
@@ -132,6 +136,7 @@ pub(crate) const MODES: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
 ];
 pub(crate) const FOLLOWING: &[Start] = &[
@@ -141,6 +146,7 @@ pub(crate) const FOLLOWING: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
 ];
 pub(crate) const FOLLOWING_PRESSING: &[Start] = &[
@@ -150,6 +156,7 @@ pub(crate) const FOLLOWING_PRESSING: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
     Pressing,
 ];
@@ -167,6 +174,7 @@ const EVERY: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
     Cartesian,
     Pressing,
 ];
@@ -178,7 +186,9 @@ const OF_HUMANOID: &[Start] = &[
     Passive,
     TorqueFeedback,
     LowGain,
+    Stand,
 ];
+pub(crate) const STAND: &[Start] = &[Stand];
 pub(crate) const POWER_ON: &[Start] = &[PowerOn];
 pub(crate) const HOLD: &[Start] = &[Hold];
 
@@ -383,6 +393,7 @@ pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place>
         ("humanoid", Start::Motion | Start::Passive | Start::LowGain) => {
             [index("left_elbow"), index("left_wrist_pitch")]
         }
+        ("humanoid", Start::Stand) => [index("left_knee"), index("left_ankle_roll")],
         ("humanoid", _) => [index("left_knee"), index("left_wrist_pitch")],
         ("lift-gripper", _) => [index("lift"), index("finger")],
         _ => [index("knee"), index("ankle_roll")],
@@ -394,8 +405,9 @@ pub fn places(prepared: &Prepared, scenario: &Scenario, all: bool) -> Vec<Place>
         bus: joints[joint].bus as u8,
         start,
     };
-    let both = scenario.group == encoder::GROUP && (all || variant.robot == "leg");
     let of_start = |start: &Start| {
+        let whole = all || variant.robot == "leg" || *start == Start::Stand;
+        let both = whole && scenario.group == encoder::GROUP;
         let [strong, weak] = strong_and_weak(*start);
         let mut all = vec![place(*start, strong, weak)];
         if both {

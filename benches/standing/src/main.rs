@@ -17,12 +17,23 @@ struct Arguments {
     /// The page
     #[arg(long, default_value = "docs/results/standing.md")]
     out: PathBuf,
+    /// Pushes of mode stand on the own plant, each with other joints: 4 of 30 N, then all of 60 N, from each side in
+    /// turn. In MuJoCo, which is slower, and of mode inverse dynamics the first 8
+    #[arg(long, default_value_t = 20)]
+    pushes: u64,
+    /// Simulated time for which mode stand stands without a push in one more run on the own plant, s; in MuJoCo, which
+    /// is slower, a fifth of it. 0: no such run
+    #[arg(long, default_value_t = 600.0)]
+    long: f64,
     /// Draws of joints that stand without a push, in each world
     #[arg(long, default_value_t = 20)]
     draws: u64,
     /// Simulated time for which each of them stands, s
     #[arg(long, default_value_t = 60.0)]
     seconds: f64,
+    /// Runs at a time
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
     /// Only this world: own or mujoco
     #[arg(long)]
     world: Option<String>,
@@ -39,9 +50,9 @@ Run it in the project's folder, by cargo run --release -p standing-bench --; MuJ
 
 Examples:
   standing-bench                                   everything, an hour
-  standing-bench --draws 2 --seconds 10 --out /tmp/standing.md
-  standing-bench --mode stand --world mujoco --push 60 --draws 0 --out /tmp/pushes.md
-  standing-bench --world own --draws 20 --seconds 120 --out /tmp/own.md";
+  standing-bench --pushes 8 --long 0 --draws 2 --seconds 10 --out /tmp/standing.md
+  standing-bench --mode stand --world mujoco --push 60 --draws 0 --long 0 --out /tmp/pushes.md
+  standing-bench --world own --pushes 0 --draws 20 --seconds 120 --out /tmp/own.md";
 
 fn main() -> ExitCode {
     match page::write(&Arguments::parse()) {

@@ -6,7 +6,8 @@ use crate::own::Own;
 use crate::stand::{BEFORE_S, Stood, TO_PUSH_S, World, humanoid, stand};
 use robot_config::Robot;
 use robot_state::Mode;
-use std::fmt::Write;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use test_support::ResultsPage;
 
 const WORLDS: [&str; 2] = ["own", "mujoco"];
@@ -20,6 +21,8 @@ const MODES: [Mode; 2] = [Mode::InverseDynamics, Mode::Stand];
 const FORCES: [f64; 2] = [30.0, 60.0];
 /// Time from the push to the end, s: the last second of it is judged, five seconds after the push.
 const AFTER_S: f64 = 6.3;
+/// Share of the long time on the own plant for which the robot stands in MuJoCo.
+const SHARE_IN_MUJOCO: f64 = 0.2;
 
 fn world(name: &str, robot: &Robot, seed: u64, force: [f64; 2]) -> Result<Box<dyn World>, String> {
     let start = BEFORE_S + TO_PUSH_S;
@@ -50,44 +53,123 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
             asked.unwrap_or_default()
         ));
     }
+    let asked = (&robot, arguments, worlds.as_slice(), modes.as_slice());
     let mut text = HEAD
+        .replace("PUSHES", &arguments.pushes.to_string())
+        .replace("LONG", &arguments.long.to_string())
         .replace("DRAWS", &arguments.draws.to_string())
         .replace("SECONDS", &arguments.seconds.to_string());
-    let mut seed = 0;
-    for force in FORCES {
-        for (side, [x, y]) in SIDES {
-            seed += 1;
-            let push = format!("{force:.0} N from {side}");
-            if (arguments.push.as_ref()).is_some_and(|only| !push.contains(only)) {
-                continue;
-            }
-            for (name, mode) in each(&worlds, &modes) {
-                let mut world = world(name, &robot, seed, [force * x, force * y])?;
-                let stood = stand(&robot, &mut *world, mode, TO_PUSH_S + AFTER_S)?;
-                let row = row(&push, (name, mode), &stood);
-                println!("{}", row.trim_end());
-                text += &row;
-            }
-        }
-    }
-    let _ = write!(
-        text,
-        "\n## Without a push\n\nIn each world {} times with other joints, {} s each; sway over the last second, and the angle of \
-         the base from where it began.\n\n| world | mode | stand | largest angular velocity, rad/s | sway, degrees: median, \
-         worst | drift, degrees: median, worst | events |\n| --- | --- | --- | --- | --- | --- | --- |\n",
-        arguments.draws, arguments.seconds
-    );
-    for (name, mode) in each(&worlds, &modes) {
-        let mut all = Vec::new();
-        for seed in 1..=arguments.draws {
-            let mut world = world(name, &robot, seed, [0.0; 2])?;
-            let stood = stand(&robot, &mut *world, mode, arguments.seconds)?;
-            println!("{name} {} {seed}: {stood:?}", mode.name());
-            all.push(stood);
-        }
-        text += &quiet((name, mode), &all);
-    }
+    pushed(asked, &mut text)?;
+    left_alone(asked, &mut text)?;
     ResultsPage::new(&text)?.write(&arguments.out)
+}
+
+/// The robot, what is asked for, worlds and modes.
+type Asked<'a> = (&'a Robot, &'a Arguments, &'a [&'a str], &'a [Mode]);
+
+/// A run: joints, mode, world, force and time.
+struct Job<'a> {
+    push: String,
+    world: &'a str,
+    mode: Mode,
+    seed: u64,
+    force: [f64; 2],
+    seconds: f64,
+}
+
+/// All runs by so many threads, in their order.
+fn run_all(robot: &Robot, jobs: &[Job<'_>], threads: usize) -> Result<Vec<Stood>, String> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                while let Some((k, job)) = {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    jobs.get(k).map(|job| (k, job))
+                } {
+                    let stood = world(job.world, robot, job.seed, job.force)
+                        .and_then(|mut world| stand(robot, &mut *world, job.mode, job.seconds));
+                    let (name, mode) = (job.world, job.mode.name());
+                    let (push, seconds) = (&job.push, job.seconds);
+                    println!("{push} {name} {mode} {}, {seconds} s: {stood:?}", job.seed);
+                    if let Ok(mut done) = done.lock() {
+                        done.push((k, stood));
+                    }
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_default();
+    done.sort_by_key(|(k, _)| *k);
+    done.into_iter().map(|(_, stood)| stood).collect()
+}
+
+/// A row for each push: the first of the least force, then of the greatest one.
+fn pushed((robot, arguments, worlds, modes): Asked<'_>, text: &mut String) -> Result<(), String> {
+    let of_sides = SIDES.len() as u64;
+    let mut jobs = Vec::new();
+    for k in 0..arguments.pushes {
+        let force = FORCES[usize::from(k >= of_sides)];
+        let (side, [x, y]) = SIDES[(k % of_sides) as usize];
+        let push = format!("{force:.0} N from {side}");
+        if (arguments.push.as_ref()).is_some_and(|only| !push.contains(only)) {
+            continue;
+        }
+        let few = k < 2 * of_sides;
+        let many = |(world, mode): &(&str, Mode)| *world == "own" && *mode == Mode::Stand;
+        let each = each(worlds, modes).filter(|each| few || many(each));
+        jobs.extend(each.map(|(world, mode)| Job {
+            push: push.clone(),
+            world,
+            mode,
+            seed: k + 1,
+            force: [force * x, force * y],
+            seconds: TO_PUSH_S + AFTER_S,
+        }));
+    }
+    for (job, stood) in jobs.iter().zip(run_all(robot, &jobs, arguments.threads)?) {
+        *text += &row(&job.push, (job.world, job.mode), &stood);
+    }
+    Ok(())
+}
+
+/// A row for the draws of each mode in each world, and for one that stands for long.
+fn left_alone(
+    (robot, arguments, worlds, modes): Asked<'_>,
+    text: &mut String,
+) -> Result<(), String> {
+    *text += QUIET;
+    let mut rows = Vec::new();
+    let mut jobs = Vec::new();
+    for (world, mode) in each(worlds, modes) {
+        let mut runs = vec![(arguments.draws, arguments.seconds)];
+        let share = if world == "mujoco" {
+            SHARE_IN_MUJOCO
+        } else {
+            1.0
+        };
+        if mode == Mode::Stand && arguments.long > 0.0 {
+            runs.push((1, share * arguments.long));
+        }
+        for (draws, seconds) in runs.into_iter().filter(|(draws, _)| *draws > 0) {
+            let first = jobs.len();
+            jobs.extend((1..=draws).map(|seed| Job {
+                push: String::new(),
+                world,
+                mode,
+                seed,
+                force: [0.0; 2],
+                seconds,
+            }));
+            rows.push(((world, mode), seconds, first..jobs.len()));
+        }
+    }
+    let all = run_all(robot, &jobs, arguments.threads)?;
+    for (of, seconds, its) in rows {
+        *text += &quiet(of, seconds, all.get(its).unwrap_or_default());
+    }
+    Ok(())
 }
 
 /// Each mode in each world.
@@ -124,7 +206,7 @@ fn row(push: &str, (world, mode): (&str, Mode), stood: &Stood) -> String {
     )
 }
 
-fn quiet((world, mode): (&str, Mode), all: &[Stood]) -> String {
+fn quiet((world, mode): (&str, Mode), seconds: f64, all: &[Stood]) -> String {
     let of = |value: &dyn Fn(&Stood) -> f64| {
         let mut values: Vec<f64> = all.iter().map(value).collect();
         values.sort_by(f64::total_cmp);
@@ -147,7 +229,7 @@ fn quiet((world, mode): (&str, Mode), all: &[Stood]) -> String {
         events.join(", ")
     };
     format!(
-        "| {world} | {} | {stand} of {} | {fastest:.3} | {sway:.3}, {most_sway:.3} | {drift:.3}, {most_drift:.3} | {events} |\n",
+        "| {world} | {} | {seconds} | {stand} of {} | {fastest:.3} | {sway:.3}, {most_sway:.3} | {drift:.3}, {most_drift:.3} | {events} |\n",
         called(mode),
         all.len()
     )
@@ -155,7 +237,7 @@ fn quiet((world, mode): (&str, Mode), all: &[Stood]) -> String {
 
 const HEAD: &str = "# A humanoid that stands
 
-Written by `cargo run --release -p standing-bench -- --draws DRAWS --seconds SECONDS`. The shipped humanoid in modes inverse dynamics and [stand](../modes.md#mode-stand), with references of the pose alone. Two worlds in front of the same loop:
+Written by `cargo run --release -p standing-bench -- --pushes PUSHES --long LONG --draws DRAWS --seconds SECONDS`. The shipped humanoid in modes inverse dynamics and [stand](../modes.md#mode-stand), with references of the pose alone. Two worlds in front of the same loop:
 
 - **own**: `crates/plant`, each kind of drive with gains ±10 %, friction and presliding times 0.5 to 2.
 - **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's; it shares no code with the plant. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz, a torque constant ±2 %, an offset of its current. A tenth of the kinematic error is left.
@@ -168,4 +250,13 @@ At the chest for 0.3 s; each push with other joints. The base's largest angular 
 
 | push | world | mode | | rad/s | sway, degrees | angle, degrees |
 | --- | --- | --- | --- | --- | --- | --- |
+";
+
+const QUIET: &str = "
+## Without a push
+
+Each time with other joints; sway over the last second, and the angle of the base from where it began.
+
+| world | mode | s | stand | largest angular velocity, rad/s | sway, degrees: median, worst | drift, degrees: median, worst | events |
+| --- | --- | --- | --- | --- | --- | --- | --- |
 ";

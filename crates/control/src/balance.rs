@@ -29,11 +29,16 @@ use robot_state::Wrench;
 /// The slower pole of the centre of mass is the pendulum's own, which leaves its stable part alone: all of the soles
 /// is left to catch the other one. The other pole, as a multiple of it. Chosen on the simulated humanoid
 /// (docs/results/standing.md).
-const QUICKER: f64 = 2.5;
+pub(crate) const QUICKER: f64 = 2.5;
 /// Frequency of the base's orientation, and of the posture, critically damped, rad/s. Chosen on the simulated humanoid
 /// (docs/results/standing.md).
-const TURNS_BACK: f64 = 10.0;
+pub(crate) const TURNS_BACK: f64 = 10.0;
 const POSTURE: f64 = 10.0;
+/// Time in which what turns the base off is found, s, and the greatest angular acceleration by which it is held back,
+/// rad/s². At the crossover of the base's loop, 20 rad/s, the integral takes 1.4° of phase. Its bound is what a torque
+/// off by half a degree of `TURNS_BACK` asks for, so that a push cannot fill it.
+pub(crate) const FINDS: f64 = 2.0;
+const MOST_FOUND: f64 = 1.0;
 /// Frequency, critically damped, with which the place for the centre of mass is led to where it is asked for, rad/s.
 /// Chosen: slower than the pendulum, so that leading it asks for a small part of the soles; no experiment recorded.
 const LEADS: f64 = 2.0;
@@ -43,7 +48,7 @@ const REACH: f64 = 0.5;
 /// Frequency of the low-pass of the joints' velocities, rad/s. Ground gives way under feet, which then turn against the
 /// shanks though the body does not move. Chosen on the simulated humanoid, whose ankles rang without it, by 9 N·m at 33 Hz
 /// on a floor of 150 N/mm under each corner: it takes 12 dB there, and 14° where the centre of mass is led.
-const SMOOTH: f64 = 50.0;
+pub(crate) const SMOOTH: f64 = 50.0;
 /// Greatest angular acceleration that is asked for, of the base and of a joint, rad/s². Chosen; no experiment recorded.
 const MOST_TURN: f64 = 30.0;
 /// Weights of accelerations: of joints between the base and a foot that stands, of the others, which springs hold, and
@@ -129,6 +134,8 @@ pub struct Balance {
     carries: Vec<bool>,
     equations: LeastSquares,
     led: Option<Led>,
+    /// Angular acceleration by which torques that are slightly wrong turn the base off, rad/s².
+    found: Vector3<f64>,
     gravity: f64,
 }
 
@@ -176,6 +183,7 @@ impl Balance {
             carries: vec![false; model.joint_count()],
             equations: LeastSquares::new(nv),
             led: None,
+            found: Vector3::zeros(),
             gravity,
             model,
         })
@@ -184,6 +192,7 @@ impl Balance {
     /// It begins anew in the next cycle.
     pub fn restart(&mut self) {
         self.led = None;
+        self.found = Vector3::zeros();
     }
 
     /// The torques of this cycle, N·m, in the order of the model, and how the robot stands; none on no foot.
@@ -405,7 +414,8 @@ impl Balance {
                 *x = along(&[column[0], column[1], column[2]]);
             }
         }
-        for (k, wanted) in self.turn(input).iter().enumerate() {
+        let turn_back = self.turn(input);
+        for (k, wanted) in turn_back.iter().enumerate() {
             let row = self.equations.equation(*wanted, turn);
             if let Some(x) = row.get_mut(3 + k) {
                 *x = 1.0;
@@ -414,7 +424,7 @@ impl Balance {
     }
 
     /// The angular acceleration that turns the base to where the desired pose has it, against the feet.
-    fn turn(&self, input: &BalanceInput<'_>) -> Vector3<f64> {
+    fn turn(&mut self, input: &BalanceInput<'_>) -> Vector3<f64> {
         let (mut error, mut feet) = (Vector3::zeros(), 0.0);
         let mut desired = [Vector3::zeros(); 2];
         for foot in self.feet.iter().filter(|foot| foot.stands) {
@@ -431,7 +441,11 @@ impl Balance {
         let feet = f64::max(feet, 1.0);
         let [rate, acceleration] = desired.map(|x| x / feet);
         let now = Vector3::from_fn(|k, _| self.v.get(3 + k).copied().unwrap_or(0.0));
-        let back = error / feet * TURNS_BACK * TURNS_BACK + 2.0 * TURNS_BACK * (rate - now);
+        let stiff = error / feet * TURNS_BACK * TURNS_BACK;
+        self.found += stiff * (input.dt / FINDS);
+        let most = self.found.norm().max(MOST_FOUND) / MOST_FOUND;
+        self.found /= most;
+        let back = stiff + self.found + 2.0 * TURNS_BACK * (rate - now);
         (acceleration + back).map(|x| x.clamp(-MOST_TURN, MOST_TURN))
     }
 

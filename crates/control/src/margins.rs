@@ -11,11 +11,13 @@ mod hold;
 mod lifted;
 mod motor_side;
 mod response;
+mod standing;
 
 pub use design::choose_design;
 pub use hold::{HoldLoop, INTEGRAL_TIMES};
 pub use motor_side::MotorSideLoop;
 pub use response::{ClosedLoop, Point};
+pub use standing::{StandingMargins, pendulum, standing};
 
 use crate::predictive::LawParameters;
 use lifted::Lifted;

@@ -97,6 +97,7 @@ const STATIC: &[Start] = &[
     Start::Passive,
     Start::TorqueFeedback,
     Start::LowGain,
+    Start::Stand,
     Start::Cartesian,
     Start::Pressing,
 ];

@@ -1,10 +1,13 @@
 //! Current sensors, F/T sensors and IMU.
 
+use can_codec::Frame;
 use robot_config::slots;
 use robot_config::slots::Source;
+use std::collections::VecDeque;
 
 use super::{
-    AT_REST, ENABLED, ENABLED_PRESSING, FOLLOWING, FOLLOWING_PRESSING, Place, Scenario, answers,
+    AT_REST, ENABLED, ENABLED_PRESSING, FOLLOWING, FOLLOWING_PRESSING, Place, STAND, Scenario,
+    answers,
 };
 use crate::rig::{Fault, Rig};
 
@@ -101,7 +104,7 @@ fn kept() -> impl FnMut(&mut [f64; 6], usize) {
 
 pub(super) fn scenarios() -> Vec<Scenario> {
     let new = |name, starts, make| Scenario::new(GROUP, name, starts, make);
-    vec![
+    let mut all = vec![
         new("current sensor reads 0", AT_REST, |p| current(p, |_| 0.0)),
         new("current sensor reads 20 A", AT_REST, |p| {
             current(p, |_| 20.0)
@@ -170,5 +173,103 @@ pub(super) fn scenarios() -> Vec<Scenario> {
             |_| nth_imu(1, |axes, _| axes[3] += 3.0),
         )
         .with_further_imus(),
-    ]
+    ];
+    all.extend(of_axes().map(|(name, make)| new(name, STAND, make)));
+    all.extend(of_standing().map(|(name, make)| new(name, STAND, make)));
+    all
+}
+
+type Make = fn(Place) -> Fault;
+
+/// One axis of the F/T sensor above a foot on which the robot stands.
+fn axis<const AXIS: usize>(mut change: impl FnMut(f64, usize) -> f64 + 'static) -> Fault {
+    ft(move |axes, k| axes[AXIS] = change(axes[AXIS], k))
+}
+
+/// N or N·m of an axis that count alike.
+const fn unit(axis: usize) -> f64 {
+    if axis < 3 { 1.0 } else { 0.1 }
+}
+
+/// Faults of each axis alone: a step either way, a drift, a value that stays, and none.
+macro_rules! of_axis {
+    ($axis:literal, $name:literal) => {
+        [
+            (
+                concat!("F/T sensor steps by 100 N or 10 N·m along ", $name),
+                |_| axis::<$axis>(|x, _| x + 100.0 * unit($axis)),
+            ),
+            (
+                concat!("F/T sensor steps by -100 N or -10 N·m along ", $name),
+                |_| axis::<$axis>(|x, _| x - 100.0 * unit($axis)),
+            ),
+            (
+                concat!("F/T sensor drifts by 200 N/s or 20 N·m/s along ", $name),
+                |_| axis::<$axis>(|x, k| x + 0.2 * k as f64 * unit($axis)),
+            ),
+            (concat!("F/T sensor stuck along ", $name), |_| {
+                let mut first = None;
+                axis::<$axis>(move |x, _| *first.get_or_insert(x))
+            }),
+            (concat!("F/T sensor reads 0 along ", $name), |_| {
+                axis::<$axis>(|_, _| 0.0)
+            }),
+        ]
+    };
+}
+
+fn of_axes() -> impl Iterator<Item = (&'static str, Make)> {
+    let all: [[(&str, Make); 5]; 6] = [
+        of_axis!(0, "x"),
+        of_axis!(1, "y"),
+        of_axis!(2, "z"),
+        of_axis!(3, "x, torque"),
+        of_axis!(4, "y, torque"),
+        of_axis!(5, "z, torque"),
+    ];
+    all.into_iter().flatten()
+}
+
+/// What shows where up is, and which feet bear: late, slightly wrong, or the same of both feet.
+fn of_standing() -> impl Iterator<Item = (&'static str, Make)> {
+    let all: [(&str, Make); 8] = [
+        ("IMU late by 20 ms", |_| {
+            late(|source| source == Source::Imu(0), 20)
+        }),
+        ("IMU late by 100 ms", |_| {
+            late(|source| source == Source::Imu(0), 100)
+        }),
+        ("IMU's gyro steps by 0.05 rad/s", |_| {
+            imu(|axes, _| axes[1] += 0.05)
+        }),
+        ("IMU's gyro drifts by 0.5 rad/s²", |_| {
+            imu(|axes, k| axes[1] += 5e-4 * k as f64)
+        }),
+        ("IMU's accelerometer steps by 1 m/s²", |_| {
+            imu(|axes, _| axes[3] += 1.0)
+        }),
+        ("IMU's accelerometer drifts by 2 m/s³", |_| {
+            imu(|axes, k| axes[4] += 2e-3 * k as f64)
+        }),
+        ("all F/T sensors late by 100 ms", |_| {
+            late(|source| matches!(source, Source::Ft(_)), 100)
+        }),
+        ("all F/T sensors silent", |_| {
+            answers(|rig, _| {
+                rig.lose(|slot| matches!(slots::source(slot), Source::Ft(_)));
+            })
+        }),
+    ];
+    all.into_iter()
+}
+
+/// Answers of sources come so many cycles late.
+fn late(is_its: fn(Source) -> bool, cycles: usize) -> Fault {
+    let mut kept: VecDeque<Vec<Frame>> = VecDeque::new();
+    answers(move |rig, _| {
+        kept.push_back(rig.lose(|slot| is_its(slots::source(slot))));
+        if kept.len() > cycles {
+            rig.rx.extend(kept.pop_front().unwrap_or_default());
+        }
+    })
 }

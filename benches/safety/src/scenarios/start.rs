@@ -23,6 +23,8 @@ pub enum Start {
     TorqueFeedback,
     /// Mode low-gain tracking with a learned torque at one joint, at rest.
     LowGain,
+    /// A client has it stand on its feet: mode stand, at rest.
+    Stand,
     /// A client leads the first frame by springs, at rest.
     Cartesian,
     /// The same without springs: it presses on something stiff, its force fed back.
@@ -31,7 +33,7 @@ pub enum Start {
 
 impl Start {
     /// The states in which a robot that is in order may be for hours.
-    pub const LASTING: [Self; 8] = [
+    pub const LASTING: [Self; 9] = [
         Self::Hold,
         Self::Torque,
         Self::InverseDynamics,
@@ -39,6 +41,7 @@ impl Start {
         Self::Passive,
         Self::TorqueFeedback,
         Self::LowGain,
+        Self::Stand,
         Self::Cartesian,
     ];
 
@@ -54,6 +57,7 @@ impl Start {
             Self::Passive => "passive",
             Self::TorqueFeedback => "torque feedback",
             Self::LowGain => "low gains",
+            Self::Stand => "stand",
             Self::Cartesian => "Cartesian",
             Self::Pressing => "pressing",
         }
@@ -68,6 +72,7 @@ impl Start {
             Self::Passive => Mode::Passive,
             Self::TorqueFeedback => Mode::TorqueFeedbackMotion,
             Self::LowGain => Mode::LowGainTracking,
+            Self::Stand => Mode::Stand,
             Self::Cartesian | Self::Pressing => Mode::Cartesian,
         }
     }
@@ -76,7 +81,12 @@ impl Start {
     pub(crate) fn gives_way(self) -> bool {
         matches!(
             self,
-            Self::Torque | Self::Passive | Self::LowGain | Self::Cartesian | Self::Pressing
+            Self::Torque
+                | Self::Passive
+                | Self::LowGain
+                | Self::Stand
+                | Self::Cartesian
+                | Self::Pressing
         )
     }
 
@@ -89,6 +99,10 @@ impl Start {
             // By the torque without delay, which takes two encoders and drives with position loops.
             Self::TorqueFeedback | Self::LowGain => {
                 variant.drives == Drives::Position && variant.robot != "hrp2-like"
+            }
+            // With current drives it hangs in a harness.
+            Self::Stand => {
+                variant.drives == Drives::Position && prepared.robot.cannot_stand().is_none()
             }
             _ => true,
         }

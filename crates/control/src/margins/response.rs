@@ -284,7 +284,7 @@ pub(super) fn least_distances(open: &[Point]) -> Margins {
     least
 }
 
-fn between(a: &Point, b: &Point, share: f64) -> Point {
+pub(super) fn between(a: &Point, b: &Point, share: f64) -> Point {
     let at = |a: f64, b: f64| a + share * (b - a);
     Point {
         frequency: at(a.frequency, b.frequency),
