@@ -2,6 +2,7 @@
 
 mod bag;
 mod columns;
+mod formats;
 mod map;
 mod resample;
 
@@ -123,6 +124,10 @@ fn import(arguments: &ImportArguments) -> Result<String, Problems> {
 /// Median step of a column over the longest gap from which its stamps are in another unit than the map says.
 const SPARSE: f64 = 1.5;
 
+/// Mean step of a column, s, below which its stamps are in another unit than the map says: no log has 50,000 rows a
+/// second.
+const DENSE: f64 = 2e-5;
+
 /// The converted files of one log: names and texts.
 fn convert(map: &Map, log: &Path, accept: bool) -> Result<Vec<(String, String)>, Problems> {
     let table = Table::read(log, map)?;
@@ -158,6 +163,20 @@ fn convert(map: &Map, log: &Path, accept: bool) -> Result<Vec<(String, String)>,
     }
     if !problems.is_empty() {
         return Err(Problems(problems));
+    }
+    for (name, column) in &columns {
+        if let Some(time) = column
+            .duration()
+            .filter(|time| *time < DENSE * (column.t.len() - 1) as f64)
+        {
+            let reason = format!(
+                "{name} has {} values within {time:.6} s: unit of its stamps?",
+                column.t.len()
+            );
+            return Err(Problem::new(reason, "stamps in the map's unit")
+                .at(file, 0)
+                .into());
+        }
     }
     let grid = Grid::new(map, columns.iter().map(|(_, c)| c), &file)?;
     for (name, column) in &columns {

@@ -28,6 +28,14 @@ pub(crate) fn open(
     Table::new(BufReader::new(file), &log, delimiter)
 }
 
+/// Prints that a log ends within its last row.
+pub(crate) fn warn_of_cut(table: &Table<BufReader<File>>, path: &Path) {
+    if table.is_cut() {
+        let log = path.display();
+        eprintln!("warning: {log}: the file ends within its last row, which is left out");
+    }
+}
+
 impl Rows {
     /// Reads the column of stamps and those for which `used` holds.
     ///
@@ -83,6 +91,9 @@ impl Rows {
         for name in &chosen {
             places.extend(table.column(name)?);
         }
+        places
+            .iter()
+            .try_for_each(|place| table.require_si(*place))?;
         let mut values = vec![Vec::new(); places.len()];
         while table.next_row()? {
             for (column, place) in values.iter_mut().zip(&places) {
@@ -92,6 +103,7 @@ impl Rows {
                 check(&table, t, last)?;
             }
         }
+        warn_of_cut(&table, path);
         let t = values.remove(0);
         if t.len() < 2 {
             let reason = format!("the log has {} rows", t.len());

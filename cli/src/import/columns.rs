@@ -1,13 +1,14 @@
 //! A log as columns: CSV with stamps in columns, or MCAP of ROS 2 with a stamp for each message.
 
+use super::formats::{Format, by_rosbags};
 use super::map::{ColumnName, Map, Time};
 use super::resample::Column;
-use crate::rows::open;
+use crate::rows::{open, warn_of_cut};
 use problem::Problem;
 use recording::{Ending, READ_SCHEMAS, Signals};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::Path;
 
 /// Columns of a log, by name.
@@ -37,7 +38,7 @@ impl Table {
         let log = path.display().to_string();
         let columns = match Format::of(path)? {
             Format::Mcap => Self::read_mcap(path, &log)?,
-            Format::Sqlite => stamped(super::bag::read(path)?, &log)?,
+            Format::Sqlite => stamped(super::bag::read(path)?, &log, path)?,
             Format::Text => Self::read_csv(path, map)?,
         };
         Ok(Self { log, columns })
@@ -65,7 +66,7 @@ impl Table {
             Ending::Truncated => eprintln!("warning: {log}: the file ends too early"),
             Ending::Damaged(why) => eprintln!("warning: {log}: damaged, read up to there: {why}"),
         }
-        stamped(signals, log)
+        stamped(signals, log, path)
     }
 
     fn read_csv(path: &Path, map: &Map) -> Result<Columns, Problem> {
@@ -91,6 +92,13 @@ impl Table {
             let reason = format!("the log has {} rows", lines.len());
             let log = path.display().to_string();
             return Err(Problem::new(reason, "at least two").at(log, 0));
+        }
+        warn_of_cut(&table, path);
+        for (name, place) in &places {
+            let stated = table.unit(*place).map(|unit| unit.factor);
+            if let Some(problem) = stated.and_then(|factor| map.contradicts(name, factor)) {
+                return Err(problem);
+            }
         }
         let names = places.into_iter().map(|(name, _)| name);
         Ok(Columns::Cells {
@@ -191,6 +199,7 @@ impl Table {
             column.t.push(t);
             column.values.push(*value);
         }
+        self.refuse_short_parts(stamps)?;
         if repeated > 0 {
             let (log, name) = (&self.log, name.get_ref());
             eprintln!(
@@ -205,11 +214,56 @@ impl Table {
     }
 }
 
+impl Table {
+    /// Refuses a part of a stamp that never comes near a unit of the part before it, which counts on: its unit is
+    /// another one.
+    fn refuse_short_parts(
+        &self,
+        stamps: &[(&ColumnName, &Vec<Option<f64>>, f64)],
+    ) -> Result<(), Problem> {
+        for pair in stamps.windows(2) {
+            let [(whole, wholes, unit), (part, parts, seconds)] = pair else {
+                continue;
+            };
+            let known = || wholes.iter().flatten();
+            let counted = known().copied().fold(f64::MIN, f64::max)
+                - known().copied().fold(f64::MAX, f64::min);
+            let most = parts.iter().flatten().copied().fold(f64::MIN, f64::max) * seconds;
+            let rows = parts.iter().flatten().count() as f64;
+            if counted >= 2.0 && rows > PARTS_PER_UNIT * counted && most < LEAST_PART * unit {
+                let reason = format!(
+                    "`{}` stays below {most:.6} s where `{}` counts on by {counted}: another unit?",
+                    part.get_ref(),
+                    whole.get_ref()
+                );
+                let allowed =
+                    "parts of a stamp in the map's units, the later ones up to one of the first";
+                return Err(Problem::new(reason, allowed).at(self.log.as_str(), 0));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Rows in a unit of a stamp's first part from which its second part comes near that unit.
+const PARTS_PER_UNIT: f64 = 10.0;
+/// Share of that unit.
+const LEAST_PART: f64 = 0.5;
+
 /// The columns of a recording; what is wrong with it is printed.
 ///
 /// # Errors
 /// A recording without any signal that is read.
-fn stamped(signals: Signals, log: &str) -> Result<Columns, Problem> {
+fn stamped(signals: Signals, log: &str, path: &Path) -> Result<Columns, Problem> {
+    if signals.compressed > 0 {
+        let count = signals.compressed;
+        let reason = format!("{count} messages are compressed one by one");
+        return Err(Problem::new(reason, by_rosbags(path)).at(log, 0));
+    }
+    if let Some((topic, joint)) = &signals.twice {
+        let reason = format!("messages of {topic} name `{joint}` twice");
+        return Err(Problem::new(reason, "each joint once in a message").at(log, 0));
+    }
     if signals.columns.is_empty() {
         let others = signals.others.iter();
         let mut others: Vec<String> = others
@@ -256,77 +310,4 @@ fn stamped(signals: Signals, log: &str) -> Result<Columns, Problem> {
         (name, column)
     });
     Ok(Columns::Stamped(columns.collect()))
-}
-
-/// Formats of a log.
-enum Format {
-    Mcap,
-    Sqlite,
-    Text,
-}
-
-impl Format {
-    /// By the bytes that a file begins with.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or of a known format that is not: with what converts it.
-    fn of(path: &Path) -> Result<Self, Problem> {
-        let log = path.display().to_string();
-        if path.is_dir() {
-            let allowed = "a file; of a recording of rosbag2 the .mcap or .db3 in its folder";
-            return Err(Problem::new("is a folder", allowed).at(log, 0));
-        }
-        let unreadable = |e: std::io::Error| Problem::unreadable(&log, &e);
-        let mut start = Vec::new();
-        let file = File::open(path).map_err(unreadable)?;
-        file.take(16).read_to_end(&mut start).map_err(unreadable)?;
-        let begins = |magic: &[u8]| start.starts_with(magic);
-        if begins(b"\x89MCAP0\r\n") || path.extension().is_some_and(|e| e == "mcap") {
-            return Ok(Self::Mcap);
-        }
-        if begins(b"SQLite format 3\0") {
-            return Ok(Self::Sqlite);
-        }
-        let (what, allowed) = if begins(b"#ROSBAG V") {
-            ("is a bag of ROS 1", by_rosbags(path))
-        } else if begins(&[0x28, 0xB5, 0x2F, 0xFD]) {
-            (
-                "is compressed with zstd",
-                format!("what `zstd -d {log}` writes"),
-            )
-        } else if begins(&[0x1F, 0x8B]) {
-            (
-                "is compressed with gzip",
-                format!("what `gunzip -k {log}` writes"),
-            )
-        } else if begins(b"PK\x03\x04") {
-            (
-                "is a ZIP archive or a spreadsheet",
-                "CSV, as spreadsheets export it".to_owned(),
-            )
-        } else if begins(b"PAR1") {
-            (
-                "is a Parquet file",
-                "CSV, as pandas' `to_csv` writes it".to_owned(),
-            )
-        } else if begins(b"\x89HDF") || begins(b"MATLAB 5.0") {
-            (
-                "is a file of HDF5 or MATLAB",
-                "CSV, as `writetable` writes it".to_owned(),
-            )
-        } else {
-            return Ok(Self::Text);
-        };
-        Err(Problem::new(what, allowed).at(log, 0))
-    }
-}
-
-/// The command that makes MCAP of a recording.
-fn by_rosbags(path: &Path) -> String {
-    let (log, to) = (path.display(), path.with_extension(""));
-    let to = to.display();
-    format!(
-        "the MCAP file that `pip install rosbags && rosbags-convert --src {log} --dst {to} \
-         --dst-storage mcap` writes in {to}"
-    )
 }

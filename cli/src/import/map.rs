@@ -162,6 +162,20 @@ enum Unit {
     AsScaled,
 }
 
+impl Unit {
+    /// Units of the SI in one of it; none where `scale` or the counts of a turn say it.
+    fn factor(self) -> Option<f64> {
+        match self {
+            Self::Radian | Self::Ampere | Self::NewtonMetre => Some(1.0),
+            Self::Degree => Some(TAU / 360.0),
+            Self::Turn => Some(TAU),
+            Self::Milliampere | Self::MillinewtonMetre => Some(1e-3),
+            Self::KilonewtonMetre => Some(1e3),
+            Self::Count | Self::AsScaled => None,
+        }
+    }
+}
+
 const ANGLES: &[Unit] = &[
     Unit::Radian,
     Unit::Degree,
@@ -212,13 +226,10 @@ impl Channel {
             let reason = format!("{key}.sign is {}", self.sign);
             return Err(Problem::new(reason, "1 or -1; other factors are `scale`"));
         }
-        let unit = match self.unit {
-            Unit::Radian | Unit::Ampere | Unit::NewtonMetre | Unit::AsScaled => 1.0,
-            Unit::Degree => TAU / 360.0,
-            Unit::Turn => TAU,
-            Unit::Count => TAU / self.turn()?,
-            Unit::Milliampere | Unit::MillinewtonMetre => 1e-3,
-            Unit::KilonewtonMetre => 1e3,
+        let unit = match (self.unit.factor(), self.unit) {
+            (Some(factor), _) => factor,
+            (None, Unit::Count) => TAU / self.turn()?,
+            (None, _) => 1.0,
         };
         let ratio = match (self.side, gear_ratio) {
             (Side::Own, _) => 1.0,
@@ -361,6 +372,32 @@ impl Map {
     /// The line of a column's name.
     pub(super) fn line(&self, column: &ColumnName) -> usize {
         line_at(&self.text, column.span().start)
+    }
+
+    /// The refusal of a column of which the log itself gives another unit, of so many of the SI's, than the map.
+    pub(super) fn contradicts(&self, name: &str, stated: f64) -> Option<Problem> {
+        fn within<'a>(channel: &'a Channel, all: &mut Vec<(&'a ColumnName, [f64; 2])>) {
+            if let Some(unit) = channel.unit.factor() {
+                let scaled = unit * channel.scale.abs();
+                all.push((&channel.column, [unit, scaled]));
+            }
+            of_time(channel.time.as_ref(), all);
+            channel.plus.iter().for_each(|part| within(part, all));
+        }
+        fn of_time<'a>(time: Option<&'a Time>, all: &mut Vec<(&'a ColumnName, [f64; 2])>) {
+            let parts = time.into_iter().flat_map(Time::parts);
+            all.extend(parts.map(|(column, unit)| (column, [unit; 2])));
+        }
+        let mut all = Vec::new();
+        of_time(self.time.as_ref(), &mut all);
+        let channels = self.joints.iter().flat_map(Joint::channels);
+        channels.for_each(|(_, channel)| within(channel, &mut all));
+        let same = |unit: &f64| (unit / stated - 1.0).abs() < 1e-3;
+        let (column, _) = (all.into_iter())
+            .find(|(column, units)| column.get_ref() == name && !units.iter().any(same))?;
+        let reason = format!("`{name}` has another unit in the log's row of units");
+        let allowed = "the unit that the log states, or a log without that row";
+        Some(Problem::new(reason, allowed).at(self.file.as_str(), self.line(column)))
     }
 
     /// Names of the columns that a log is read for, stamps among them.

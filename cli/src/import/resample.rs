@@ -77,6 +77,11 @@ impl Column {
         found.findings
     }
 
+    /// Time from the first to the last stamp, s.
+    pub(super) fn duration(&self) -> Option<f64> {
+        Some(self.t.last()? - self.t.first()?)
+    }
+
     /// Step between stamps, median, s.
     pub(super) fn step(&self) -> f64 {
         let mut steps: Vec<f64> = self.t.windows(2).map(|w| w[1] - w[0]).collect();
@@ -112,10 +117,17 @@ impl Grid {
         let count = ((end - start) / period + BEYOND).floor() + 1.0;
         const MAX_ROWS: f64 = 1e8;
         if !(2.0..MAX_ROWS).contains(&count) {
-            let reason = format!(
-                "the columns' common time is {:.6} s",
-                (end - start).max(0.0)
-            );
+            let reason = if end < start {
+                format!(
+                    "the columns have no common time: one ends {:.3} s before another begins: stamps of two clocks?",
+                    start - end
+                )
+            } else {
+                format!(
+                    "the columns' common time is {:.6} s: unit of the stamps?",
+                    end - start
+                )
+            };
             let allowed = format!("2 to {MAX_ROWS:.0} periods of {period} s");
             return Err(Problem::new(reason, allowed).at(log, 0));
         }

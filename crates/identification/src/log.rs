@@ -61,6 +61,7 @@ impl<R: BufRead> LogReader<R> {
                 let allowed = "`t,theta,q,i[,tau_sensor][,tau_feedforward]` and any others; `torquectl import` makes such logs";
                 return Err(table.problem(reason, allowed));
             }
+            place.map_or(Ok(()), |place| table.require_si(place))?;
         }
         Ok(Self {
             table,

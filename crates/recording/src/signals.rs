@@ -34,6 +34,10 @@ pub struct Signals {
     pub repeated: u64,
     /// Values that are left out, because they are not finite.
     pub not_finite: u64,
+    /// Messages that are compressed one by one (rosbag2 with zstd).
+    pub compressed: u64,
+    /// A topic whose messages name a joint twice, and that joint.
+    pub twice: Option<(String, String)>,
 }
 
 /// Kinds of message that are read.
@@ -99,7 +103,8 @@ struct Topic {
 impl SignalCollector {
     /// Makes a topic known by the number that its messages carry, with its schema and encoding.
     pub fn topic(&mut self, id: i64, topic: &str, schema: &str, encoding: &str) {
-        let kind = READ_SCHEMAS.iter().position(|known| *known == schema);
+        let full = full_name(schema);
+        let kind = READ_SCHEMAS.iter().position(|known| *known == full);
         let kind = kind.filter(|_| encoding == "cdr");
         if kind.is_none() {
             let what = format!("{schema} as {encoding}");
@@ -123,6 +128,10 @@ impl SignalCollector {
             return;
         };
         let signals = &mut self.signals;
+        if data.starts_with(&ZSTD) {
+            signals.compressed += 1;
+            return;
+        }
         let Some((stamp_ns, values)) = decode(kind, data) else {
             signals.broken += 1;
             return;
@@ -132,6 +141,14 @@ impl SignalCollector {
         topic.last_ns = topic.last_ns.max(at);
         let first = *self.first_ns.get_or_insert(at);
         let t = (i128::from(at) - i128::from(first)) as f64 * 1e-9;
+        let twice = (1..values.len()).find(|&k| values[..k].iter().any(|(n, _)| *n == values[k].0));
+        if let Some((name, _)) = twice.and_then(|k| values.get(k)) {
+            let joint = name
+                .rsplit_once('.')
+                .map_or(name.as_str(), |(joint, _)| joint);
+            let found = (topic.name.clone(), joint.to_owned());
+            signals.twice.get_or_insert(found);
+        }
         for (name, value) in values {
             if value.is_finite() {
                 let name = format!("{}:{name}", topic.name);
@@ -170,6 +187,20 @@ impl Signal {
             self.values = order.iter().map(|k| self.values[*k]).collect();
             self.t = order.iter().map(|k| self.t[*k]).collect();
         }
+    }
+}
+
+/// Beginning of data that zstd has compressed.
+const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
+
+/// The name of a kind of message as ROS 2 writes it, from ROS 1's (`sensor_msgs/Imu`) or DDS's
+/// (`sensor_msgs::msg::dds_::Imu_`).
+fn full_name(schema: &str) -> String {
+    let slashes = schema.replace("::dds_::", "::").replace("::", "/");
+    let bare = slashes.trim_end_matches('_');
+    match bare.split_once('/') {
+        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
+        _ => bare.to_owned(),
     }
 }
 
@@ -220,16 +251,26 @@ fn decode(kind: usize, data: &[u8]) -> Option<(u64, Vec<(String, f64)>)> {
     Some((stamp_ns, values))
 }
 
-/// A message in little-endian CDR, from front to back.
+/// A message in CDR of either byte order, from front to back.
 struct Cdr<'a> {
     body: &'a [u8],
     at: usize,
+    big_endian: bool,
 }
 
 impl<'a> Cdr<'a> {
     fn new(data: &'a [u8]) -> Option<Self> {
         let (encoding, body) = data.split_at_checked(4)?;
-        (encoding.get(1) == Some(&1)).then_some(Self { body, at: 0 })
+        let big_endian = match encoding {
+            [0, 0, ..] => true,
+            [0, 1, ..] => false,
+            _ => return None,
+        };
+        Some(Self {
+            body,
+            at: 0,
+            big_endian,
+        })
     }
 
     fn take(&mut self, size: usize, count: usize) -> Option<&'a [u8]> {
@@ -241,13 +282,23 @@ impl<'a> Cdr<'a> {
     }
 
     fn u32(&mut self) -> Option<u32> {
-        let bytes = self.take(4, 1)?;
-        Some(u32::from_le_bytes(bytes.try_into().ok()?))
+        let bytes = self.take(4, 1)?.try_into().ok()?;
+        let read = if self.big_endian {
+            u32::from_be_bytes
+        } else {
+            u32::from_le_bytes
+        };
+        Some(read(bytes))
     }
 
     fn f64(&mut self) -> Option<f64> {
-        let bytes = self.take(8, 1)?;
-        Some(f64::from_le_bytes(bytes.try_into().ok()?))
+        let bytes = self.take(8, 1)?.try_into().ok()?;
+        let read = if self.big_endian {
+            f64::from_be_bytes
+        } else {
+            f64::from_le_bytes
+        };
+        Some(read(bytes))
     }
 
     fn three(&mut self) -> Option<[f64; 3]> {
@@ -274,5 +325,76 @@ impl<'a> Cdr<'a> {
 
     fn sequence(&mut self) -> Option<Vec<f64>> {
         (0..self.length(8)?).map(|_| self.f64()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SignalCollector, full_name};
+
+    /// A JointState of two joints without velocities and efforts, in either byte order.
+    fn joint_state(names: [&str; 2], big_endian: bool) -> Vec<u8> {
+        let mut bytes = vec![0, u8::from(!big_endian), 0, 0];
+        let mut number = |bytes: &mut Vec<u8>, x: u32| {
+            bytes.resize(bytes.len().next_multiple_of(4), 0);
+            bytes.extend(if big_endian {
+                x.to_be_bytes()
+            } else {
+                x.to_le_bytes()
+            });
+        };
+        for x in [7, 0, 1] {
+            number(&mut bytes, x);
+        }
+        bytes.push(0);
+        number(&mut bytes, 2);
+        for name in names {
+            number(&mut bytes, 2);
+            bytes.extend(name.as_bytes());
+            bytes.push(0);
+        }
+        number(&mut bytes, 2);
+        for x in [0.5f64, -1.5] {
+            let at = 4 + (bytes.len() - 4).next_multiple_of(8);
+            bytes.resize(at, 0);
+            bytes.extend(if big_endian {
+                x.to_be_bytes()
+            } else {
+                x.to_le_bytes()
+            });
+        }
+        number(&mut bytes, 0);
+        number(&mut bytes, 0);
+        bytes
+    }
+
+    #[test]
+    fn either_byte_order_and_every_name_of_the_schema_are_read() {
+        let schemas = [
+            "sensor_msgs/msg/JointState",
+            "sensor_msgs/JointState",
+            "sensor_msgs::msg::dds_::JointState_",
+        ];
+        for (schema, big_endian) in schemas.into_iter().zip([false, true, false]) {
+            assert_eq!(full_name(schema), schemas[0]);
+            let mut collector = SignalCollector::default();
+            collector.topic(1, "/j", schema, "cdr");
+            collector.message(1, 0, &joint_state(["a", "b"], big_endian));
+            let signals = collector.finish();
+            assert_eq!(signals.broken, 0, "{schema}");
+            assert_eq!(signals.columns["/j:a.position"].values, [0.5]);
+            assert_eq!(signals.columns["/j:b.position"].values, [-1.5]);
+        }
+    }
+
+    #[test]
+    fn compressed_messages_and_joints_named_twice_are_noticed() {
+        let mut collector = SignalCollector::default();
+        collector.topic(1, "/j", "sensor_msgs/msg/JointState", "cdr");
+        collector.message(1, 0, &[0x28, 0xB5, 0x2F, 0xFD, 1, 2]);
+        collector.message(1, 0, &joint_state(["a", "a"], false));
+        let signals = collector.finish();
+        assert_eq!((signals.compressed, signals.broken), (1, 0));
+        assert_eq!(signals.twice, Some(("/j".into(), "a".into())));
     }
 }

@@ -12,6 +12,24 @@ pub(crate) struct Lines<R> {
     decoded: Cursor<Vec<u8>>,
     bytes: Vec<u8>,
     count: usize,
+    /// What a line ends with: a line feed, or a carriage return in files of old Macintoshes.
+    end: u8,
+    /// The line that was read last ends with the file.
+    at_end: bool,
+}
+
+/// UTF-16 without its mark: the byte order that every second zero byte shows.
+fn unmarked(start: &[u8]) -> Option<[u8; 2]> {
+    let pairs = start.get(..8)?.chunks_exact(2);
+    let ascii = |zero: usize| {
+        let mut pairs = pairs.clone();
+        pairs.all(|pair| pair[zero] == 0 && pair[1 - zero] != 0)
+    };
+    match (ascii(1), ascii(0)) {
+        (true, _) => Some([0xFF, 0xFE]),
+        (_, true) => Some([0xFE, 0xFF]),
+        _ => None,
+    }
 }
 
 impl<R: BufRead> Lines<R> {
@@ -19,10 +37,15 @@ impl<R: BufRead> Lines<R> {
     pub(crate) fn new(mut input: R) -> Result<Self, Problem> {
         let mut start = Vec::new();
         let unreadable = |e| Problem::new(format!("cannot be read: {e}"), "");
+        let ahead = input.fill_buf().map_err(unreadable)?;
+        let mark = unmarked(ahead);
+        let mut returns = ahead.contains(&b'\r') && !ahead.contains(&b'\n');
+        start.extend(mark.into_iter().flatten());
         (input.by_ref().take(3).read_to_end(&mut start)).map_err(unreadable)?;
         if start.starts_with(&[0xFF, 0xFE]) || start.starts_with(&[0xFE, 0xFF]) {
             input.read_to_end(&mut start).map_err(unreadable)?;
             start = problem::text(start, "")?.into_bytes();
+            returns = start.contains(&b'\r') && !start.contains(&b'\n');
         } else if start == [0xEF, 0xBB, 0xBF] {
             start.clear();
         }
@@ -31,6 +54,8 @@ impl<R: BufRead> Lines<R> {
             decoded: Cursor::new(start),
             bytes: Vec::new(),
             count: 0,
+            end: if returns { b'\r' } else { b'\n' },
+            at_end: false,
         })
     }
 
@@ -39,18 +64,26 @@ impl<R: BufRead> Lines<R> {
         self.count
     }
 
+    /// True if the line that was read last ends with the file, not with a line's end.
+    pub(crate) fn at_end(&self) -> bool {
+        self.at_end
+    }
+
     /// Adds the next line to `text`, without its end; false at the end.
     pub(crate) fn next(&mut self, text: &mut String) -> Result<bool, Problem> {
         self.bytes.clear();
         self.count += 1;
         let limit = LONGEST as u64;
         let mut source = self.decoded.by_ref().chain(self.input.by_ref()).take(limit);
-        let read = source.read_until(b'\n', &mut self.bytes);
+        let read = source.read_until(self.end, &mut self.bytes);
         let read = read.map_err(|e| Problem::new(format!("cannot be read: {e}"), ""))?;
         if read == 0 {
             return Ok(false);
         }
-        if read >= LONGEST && !self.bytes.ends_with(b"\n") {
+        if read > 0 {
+            self.at_end = !self.bytes.ends_with(&[self.end]);
+        }
+        if read >= LONGEST && self.at_end {
             let allowed = format!("at most {LONGEST} bytes");
             return Err(Problem::new("the line is too long", allowed));
         }

@@ -93,9 +93,10 @@ fn every_program_writes_these_numbers() {
 
 #[test]
 fn what_is_no_table_of_numbers_is_refused_with_its_line() {
-    let cases: [(&[u8], &str); 13] = [
+    let cases: [(&[u8], &str); 14] = [
         (b"", "f.csv:1: the log is empty"),
         (b"\n\n", "f.csv:3: the log is empty"),
+        (b"a,b\n0,1\n", "f.csv:1: no t"),
         (
             b"t,theta,q,q\n",
             "f.csv:1: column `q` is named twice, as the columns 3 and 4",
@@ -129,7 +130,7 @@ fn what_is_no_table_of_numbers_is_refused_with_its_line() {
             b"t,theta,q\n0,1,2\n0,\x001,2\n",
             "f.csv:3: is no text: it holds a byte 0",
         ),
-        (b"\x89MCAP0\r\n\0\0", "f.csv:1: "),
+        (b"\x89MCAP0\r\n\0\0", "f.csv:2: is no text"),
         (b"t,theta,q\n0,1,2\n0,1,2,\x81\n", "f.csv:3: byte 0x81"),
     ];
     for (bytes, expected) in cases {
@@ -152,4 +153,58 @@ fn absent_values_are_no_numbers() {
     let refusal = table.optional(1).unwrap_err().to_string();
     assert_eq!(refusal, "f.csv:8: `x` is `oops`; allowed: a finite number");
     assert!(!table.next_row().unwrap());
+}
+
+#[test]
+fn instruments_write_lines_above_and_units_below_the_header() {
+    let utf_16: Vec<u8> = PLAIN.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let units = PLAIN.replacen('\n', "\n[s],[rad],rad,-\n", 1);
+    let files: [(&str, Vec<u8>); 9] = [
+        ("UTF-16 without a mark", utf_16),
+        ("carriage returns alone", PLAIN.replace('\n', "\r").into()),
+        ("a quoted sep=", format!("\"sep=,\"\r\n{PLAIN}").into()),
+        (
+            "a title",
+            format!("Bench 3, recorded at noon\n{PLAIN}").into(),
+        ),
+        (
+            "names and values above",
+            format!("Device;ABC\nRate;1000\n\n{}", PLAIN.replace(',', ";")).into(),
+        ),
+        ("units", units.into()),
+        (
+            "exponents of Fortran",
+            PLAIN.replace("1e-3", "1.0D-03").into(),
+        ),
+        (
+            "a typesetter's minus",
+            PLAIN.replace("-0.25", "\u{2212}0.25").into(),
+        ),
+        ("the last row cut", format!("{PLAIN}0.002,25").into()),
+    ];
+    for (name, bytes) in files {
+        let expected = vec![[0.0, 1.5, -0.25], [0.001, 2500.0, 1e-3]];
+        assert_eq!(read(&bytes), Ok(expected), "{name}");
+    }
+    // The mark of a comment belongs to the name, or does not.
+    let text = format!("%{PLAIN}");
+    let table = Table::new(text.as_bytes(), "f.csv", None).unwrap();
+    assert_eq!(
+        [table.column("%t").unwrap(), table.column("t").unwrap()],
+        [Some(0); 2]
+    );
+}
+
+#[test]
+fn units_of_the_log_are_known_and_other_ones_than_of_the_si_refused() {
+    let text = "t;theta;q\nms;\u{b0};rad\n0;1;2\n";
+    let mut table = Table::new(text.as_bytes(), "f.csv", None).unwrap();
+    assert_eq!(table.unit(0).map(|unit| unit.factor), Some(1e-3));
+    assert!(table.require_si(2).is_ok());
+    let refusal = table.require_si(1).unwrap_err().to_string();
+    assert_eq!(
+        refusal,
+        "f.csv:2: the row of units below the header gives `theta` in `\u{b0}`; allowed: rad; `torquectl import` converts units"
+    );
+    assert!(table.next_row().unwrap() && table.number(1) == Ok(1.0));
 }
