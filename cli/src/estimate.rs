@@ -50,6 +50,14 @@ pub(crate) struct EstimateArguments {
 /// RMS of error over sigma beyond which estimates and reference contradict each other.
 const MAX_OVER_SIGMA: f64 = 3.0;
 
+/// Square of the correlation of estimate and reference from which one is the other but for a factor.
+const ALIKE: f64 = 0.7;
+
+/// RMS of the difference of the torques by torsion and by current over their sigmas from which it is printed, and
+/// from which the log contradicts the joint. Sound logs have 1.
+const DOUBTFUL: f64 = 3.0;
+const CONTRADICTORY: f64 = 6.0;
+
 /// Standard deviation of the torque that a tare knows, of the rated torque: the mean of some samples.
 const TARE_SIGMA: f64 = 0.001;
 
@@ -79,6 +87,8 @@ struct Row {
     /// Sum of the squares of error over sigma, and of how many samples.
     ratio_square: f64,
     compared: u64,
+    /// Sums of the squares of the estimate and of the reference, and of their product.
+    sums: [f64; 3],
     /// Time per sample, ns; that of the fused torque includes its sources.
     time_ns: f64,
 }
@@ -91,7 +101,26 @@ impl Row {
             sigma_square: 0.0,
             ratio_square: 0.0,
             compared: 0,
+            sums: [0.0; 3],
             time_ns: 0.0,
+        }
+    }
+
+    /// What makes a reference of the estimates: another sign or unit.
+    fn cause(&self) -> String {
+        let [own, other, product] = self.sums;
+        let factor = product / own.max(1e-24);
+        if product.powi(2) < ALIKE * own * other {
+            return String::new();
+        }
+        match factor {
+            f if f < 0.0 => ": `tau_sensor` has the opposite sign?".to_owned(),
+            f if (300.0..3000.0).contains(&f) => ": `tau_sensor` is in mN·m?".to_owned(),
+            f if (3e-4..3e-3).contains(&f) => ": `tau_sensor` is in kN·m?".to_owned(),
+            f if (0.7..1.4).contains(&f) => String::new(),
+            f => format!(
+                ": `tau_sensor` is {f:.3} times the estimates: another unit, or side of the gear?"
+            ),
         }
     }
 
@@ -103,13 +132,72 @@ impl Row {
         }
         let rms = self.score.figures().map_or(0.0, |f| f.rms);
         let reason = format!(
-            "the {} torque differs from `tau_sensor` by {rms:.4} N·m RMS, {ratio:.1} times its own sigma",
-            self.name
+            "the {} torque differs from `tau_sensor` by {rms:.4} N·m RMS, {ratio:.1} times its own sigma{}",
+            self.name,
+            self.cause()
         );
         let allowed = format!(
             "at most {MAX_OVER_SIGMA}: a log of the joint that was fitted, with a sound reference; --accept prints the figures"
         );
         Err(Problem::new(reason, allowed).at(log.display().to_string(), 0))
+    }
+}
+
+/// Torques by torsion and by current, against each other.
+struct Between {
+    /// Places of both among the sources.
+    places: Option<[usize; 2]>,
+    square: f64,
+    ratio_square: f64,
+    count: u64,
+}
+
+impl Between {
+    fn new(names: &[String]) -> Self {
+        let place = |wanted: &str| names.iter().position(|name| name == wanted);
+        Self {
+            places: place("hysteresis")
+                .zip(place("current"))
+                .map(|(a, b)| [a, b]),
+            square: 0.0,
+            ratio_square: 0.0,
+            count: 0,
+        }
+    }
+
+    fn add(&mut self, estimates: &[robot_state::TorqueEstimate]) {
+        let both = self
+            .places
+            .and_then(|[a, b]| estimates.get(a).zip(estimates.get(b)));
+        let Some((torsion, current)) = both else {
+            return;
+        };
+        let square = (torsion.tau - current.tau).powi(2);
+        let variance = torsion.sigma.powi(2) + current.sigma.powi(2);
+        self.square += square;
+        self.ratio_square += square / variance.max(1e-24);
+        self.count += 1;
+    }
+
+    /// Refuses a log in which both contradict each other; prints it where they hardly agree.
+    fn judge(&self, log: &Path, accept: bool) -> Result<(), Problem> {
+        let mean = |sum: f64| (sum / self.count.max(1) as f64).sqrt();
+        let (rms, ratio) = (mean(self.square), mean(self.ratio_square));
+        if ratio <= DOUBTFUL {
+            return Ok(());
+        }
+        let reason = format!(
+            "the torques by torsion and by current differ by {rms:.4} N·m RMS, {ratio:.1} times their sigmas: `i` in another unit, with another sign or time, limited, or rows in another order"
+        );
+        let log = log.display().to_string();
+        if ratio > CONTRADICTORY && !accept {
+            let allowed = format!(
+                "at most {CONTRADICTORY}: a log of the joint that was fitted; --accept prints the figures"
+            );
+            return Err(Problem::new(reason, allowed).at(log, 0));
+        }
+        eprintln!("warning: {log}: {reason}");
+        Ok(())
     }
 }
 
@@ -153,6 +241,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
         .map(|path| Output::create(path, &names))
         .transpose()?;
     let (mut count, mut last) = (0u64, None::<f64>);
+    let mut between = Between::new(&names);
     // A page needs the whole log; without one its length does not matter.
     let mut page =
         (arguments.report.as_deref()).map(|path| (path, Vec::new(), Traces::new(&joint, &names)));
@@ -176,12 +265,22 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
             .chain(set.fuses().then_some(&fused))
             .copied()
             .collect();
+        if count > tared {
+            between.add(&estimates);
+        }
         for (shown, estimate) in rows.iter_mut().zip(&estimates) {
             if row.tau_sensor.is_finite() && count > tared {
                 shown.score.add(estimate.tau, row.tau_sensor);
                 shown.ratio_square +=
                     ((estimate.tau - row.tau_sensor) / estimate.sigma.max(1e-12)).powi(2);
                 shown.compared += 1;
+                let (own, other) = (estimate.tau, row.tau_sensor);
+                let products = [own * own, other * other, own * other];
+                shown
+                    .sums
+                    .iter_mut()
+                    .zip(products)
+                    .for_each(|(sum, x)| *sum += x);
             }
             shown.sigma_square += estimate.sigma * estimate.sigma;
         }
@@ -204,6 +303,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
     if let Some(row) = rows.last().filter(|_| set.fuses() && !arguments.accept) {
         row.contradiction(&arguments.log)?;
     }
+    between.judge(&arguments.log, arguments.accept)?;
     if let Some(out) = out {
         out.finish()?;
     }

@@ -11,6 +11,7 @@
 pub mod checks;
 mod fit;
 pub mod motion;
+mod spoilt;
 pub mod untouched;
 
 use crate::drive::Value;

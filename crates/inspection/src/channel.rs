@@ -2,7 +2,7 @@
 
 use crate::finding::{Defect, Finding, Severity};
 use crate::statistics::{fill, quantile, span, steps};
-use crate::{frozen, spikes, wraps};
+use crate::{frozen, held_rows, marks, sources, spikes, wraps};
 
 /// Share of rows without a measurement above which a log is refused.
 const MAX_LOST: f64 = 0.2;
@@ -64,6 +64,29 @@ pub fn inspect(t: &[f64], channel: Channel<'_>) -> Inspected {
         text,
         cure: cure.to_owned(),
     };
+    let marked = marks(channel.values);
+    if let Some(&row) = marked.first() {
+        let text = format!(
+            "{}: {} of {:e}, far beyond all others: a mark for a missing reading",
+            channel.name,
+            counted(marked.len(), "sample"),
+            channel.values[row],
+        );
+        let rows = marked.len();
+        out.findings.push(finding(
+            Defect::Spikes,
+            Severity::Warning,
+            row,
+            rows,
+            text,
+            "left out",
+        ));
+    }
+    fill(&mut out.values, &marked);
+    if channel.quantity != Quantity::Effort {
+        out.findings
+            .extend(of_one_source(&out.values, channel.name, &finding));
+    }
     unwrapped(t, &channel, &mut out, &finding);
     let bad = spikes(&out.values);
     if let Some(&row) = bad.first() {
@@ -121,6 +144,7 @@ pub fn inspect(t: &[f64], channel: Channel<'_>) -> Inspected {
         }
     }
     out.lost = bad;
+    out.lost.extend(marked);
     out.lost.extend(still.into_iter().flatten());
     out.lost.sort_unstable();
     out.lost.dedup();
@@ -143,6 +167,41 @@ pub fn inspect(t: &[f64], channel: Channel<'_>) -> Inspected {
         ));
     }
     out
+}
+
+/// Refuses a steady motion that is of several sources, or was sampled too slowly.
+fn of_one_source(
+    values: &[f64],
+    name: &str,
+    finding: &impl Fn(Defect, Severity, usize, usize, String, &str) -> Finding,
+) -> Option<Finding> {
+    if let Some(count) = sources(values) {
+        let text = format!(
+            "{name} leaps to and fro from row to row: samples of {count} sources (publishers, drives) in one column"
+        );
+        let cure = "rows of one source: leave out those of the others";
+        return Some(finding(
+            Defect::Stepped,
+            Severity::Refused,
+            0,
+            values.len(),
+            text,
+            cure,
+        ));
+    }
+    let rows = held_rows(values)?;
+    let text = format!(
+        "{name} repeats each number for {rows} rows and then leaps: it was sampled more slowly than logged"
+    );
+    let cure = "a log at the rate at which the channel is sampled, or faster sampling";
+    Some(finding(
+        Defect::Frozen,
+        Severity::Refused,
+        0,
+        values.len(),
+        text,
+        cure,
+    ))
 }
 
 /// Takes wraps out of the channel.
@@ -198,7 +257,9 @@ fn unwrapped(
 
 /// Rows behind steps of the stamps far beyond the ordinary one.
 fn gaps(t: &[f64]) -> Vec<usize> {
-    let ordinary = quantile(t.windows(2).map(|w| w[1] - w[0]).collect(), 0.5);
+    // Clocks that are read coarsely give several rows one stamp.
+    let steps = t.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > 0.0);
+    let ordinary = quantile(steps.collect(), 0.5);
     (1..t.len())
         .filter(|&k| t[k] - t[k - 1] > GAP * ordinary)
         .collect()

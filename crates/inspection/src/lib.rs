@@ -11,6 +11,7 @@
 mod channel;
 mod finding;
 mod frozen;
+mod sources;
 mod spikes;
 mod statistics;
 mod wraps;
@@ -18,5 +19,6 @@ mod wraps;
 pub use channel::{Channel, Inspected, Quantity, inspect};
 pub use finding::{Defect, Finding, Severity};
 pub use frozen::{frozen, held};
+pub use sources::{held_rows, marks, sources};
 pub use spikes::spikes;
 pub use wraps::{Unwrapped, range_of_wraps, unwrap};

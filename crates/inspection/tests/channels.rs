@@ -182,3 +182,59 @@ fn frozen_stretches_and_steps_are_named_by_their_row() {
     );
     assert!(stepped * 100 >= 95 * stills, "{stepped} of {stills}");
 }
+
+/// 9999 and the largest number of a register where a reading is missing.
+#[test]
+fn marks_for_missing_readings_cost_their_rows() {
+    for seed in 0..40 {
+        let mut random = Random::new(seed);
+        let q = angle(&mut random);
+        let tau = torque(&q, &mut random);
+        for (quantity, values, mark) in [
+            (Quantity::Angle, &q, 9999.0),
+            (Quantity::Effort, &tau, f64::from(f32::MAX)),
+        ] {
+            let mut bad = values.clone();
+            bad[500..530].fill(mark);
+            let found = inspected(quantity, &bad);
+            assert!(has(&found, Defect::Spikes), "{seed} {:?}", found.findings);
+            assert!((500..530).all(|row| found.lost.contains(&row)), "{seed}");
+            assert!(found.values.iter().all(|x| x.abs() < 1e3), "{seed}");
+        }
+    }
+}
+
+#[test]
+fn samples_of_two_sources_and_held_readings_are_refused() {
+    let refused = |found: &Inspected, words: &str| {
+        found
+            .findings
+            .iter()
+            .any(|f| f.severity == Severity::Refused && f.text.contains(words))
+    };
+    for seed in 0..40 {
+        let mut random = Random::new(seed);
+        let q = angle(&mut random);
+        let other = angle(&mut random);
+        let every = 2 + random.below(3);
+        let both: Vec<f64> = (0..ROWS)
+            .map(|k| if k % every == 0 { other[k] + 0.7 } else { q[k] })
+            .collect();
+        let found = inspected(Quantity::Angle, &both);
+        assert!(
+            refused(&found, "sources"),
+            "{seed} {every}: {:?}",
+            found.findings
+        );
+        // A motion that never rests: at rest readings are held by right.
+        let (swing, phase) = (0.02 + 0.01 * random.unit(), TAU * random.unit());
+        let moving = |k: usize| (swing * k as f64 + phase).sin() + 1e-4 * (k as f64).cos();
+        let held: Vec<f64> = (0..ROWS).map(|k| moving(k - k % 20)).collect();
+        let found = inspected(Quantity::Angle, &held);
+        assert!(
+            refused(&found, "sampled more slowly"),
+            "{seed}: {:?}",
+            found.findings
+        );
+    }
+}

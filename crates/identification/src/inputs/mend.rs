@@ -29,6 +29,9 @@ const HELD_S: f64 = 0.08;
 /// Torsion that no gear reaches, rad: an encoder that stands while the other moves further is stuck.
 const MAX_TWIST: f64 = 0.02;
 
+/// Share of the rows with such readings up to which they are bad samples.
+const MAX_TWISTED: f64 = 0.01;
+
 type Column = (
     &'static str,
     Quantity,
@@ -89,11 +92,48 @@ pub(super) fn mend(joint: &JointFile, rows: Vec<LogRow>, kind: LogKind) -> Mende
             set(row, *x);
         }
     }
+    out.findings
+        .extend(twisted(&t, &mut out.rows, joint.joint.gear_ratio));
     standing(&t, &mut out, kind, &mut lost, joint.joint.gear_ratio);
     let mut row = 0..;
     out.rows
         .retain(|_| row.next().is_some_and(|r: usize| !lost[r]));
     out
+}
+
+/// Bridges rows in which one encoder's reading, and no neighbour's, leaves the other by more than a gear can: bad
+/// samples that are small beside the motion.
+fn twisted(t: &[f64], rows: &mut [LogRow], ratio: f64) -> Option<Finding> {
+    let torsion: Vec<f64> = rows.iter().map(|r| r.theta / ratio - r.q).collect();
+    let alone = |&k: &usize| {
+        let [before, own, behind] = [torsion[k - 1], torsion[k], torsion[k + 1]];
+        (behind - before).abs() < 0.5 * MAX_TWIST
+            && (own - 0.5 * (before + behind)).abs() > MAX_TWIST
+    };
+    let bad: Vec<usize> = (1..rows.len().saturating_sub(1)).filter(alone).collect();
+    let first = *bad.first()?;
+    if bad.len() as f64 > MAX_TWISTED * rows.len() as f64 {
+        return None;
+    }
+    for &k in &bad {
+        let (before, behind) = (rows[k - 1], rows[k + 1]);
+        rows[k].theta = 0.5 * (before.theta + behind.theta);
+        rows[k].q = 0.5 * (before.q + behind.q);
+    }
+    Some(Finding {
+        defect: Defect::Spikes,
+        severity: Severity::Warning,
+        channel: "theta/N - q".to_owned(),
+        row: Some(first),
+        t: t[first],
+        rows: bad.len(),
+        text: format!(
+            "theta/N - q leaps by {:.4} rad and back in {} samples",
+            torsion[first] - torsion[first - 1],
+            bad.len()
+        ),
+        cure: "bridged".to_owned(),
+    })
 }
 
 /// Whether a row repeats a neighbour: bad samples are bridged, kept readings left out.

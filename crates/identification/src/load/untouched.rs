@@ -5,6 +5,7 @@
 //! the axes, axes that are turned, an offset, a scale, another reference point of the torques, a delay.
 
 use super::checks::orders;
+use super::spoilt;
 use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
 use problem::Problem;
 
@@ -109,7 +110,7 @@ fn rest<'a>(pairs: impl Iterator<Item = ([Vector3<f64>; 2], &'a Row)>, sigma: [f
 }
 
 /// A mistake: what a sound sensor would read instead, and its words.
-type Mistake = (Box<dyn Fn(usize, &Row) -> [Vector3<f64>; 2]>, String);
+pub(super) type Mistake = (Box<dyn Fn(usize, &Row) -> [Vector3<f64>; 2]>, String);
 
 /// Judges the rows of one sensor, in the order of their stamps, `period` s apart.
 #[must_use]
@@ -165,6 +166,7 @@ fn fixed() -> Vec<Mistake> {
             "the wrench is in axes of the base, with all six signs reversed".into(),
         ),
     ];
+    all.extend(spoilt::halves());
     for (order, name) in orders() {
         let words = format!("the axes come in another order: fx, fy, fz are {name}");
         all.push((
@@ -202,6 +204,8 @@ fn fitted(rows: &[&Row], sigma: [f64; 2]) -> Vec<Mistake> {
     all.extend(scale(rows, sigma));
     all.extend(turned(rows, sigma));
     all.extend(lever(rows));
+    all.extend(spoilt::drift(rows));
+    all.extend(spoilt::clipped(rows));
     all
 }
 
