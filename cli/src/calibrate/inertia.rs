@@ -142,7 +142,7 @@ fn contradictions(arguments: &InertiaArguments, found: &Calibration) -> Vec<Prob
     if arguments.accept {
         return Vec::new();
     }
-    let allowed = "links like the URDF's; --accept where the robot differs so (a payload, another tool); nothing is written";
+    let allowed = "links like the URDF's and friction that brakes; --accept where the robot differs so (a payload, another tool); nothing is written";
     let file = arguments.urdf.display().to_string();
     let each = found.contradictions.iter();
     each.map(|reason| Problem::new(reason.clone(), allowed).at(&file, 0))

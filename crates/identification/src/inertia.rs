@@ -14,6 +14,7 @@ pub mod consistent;
 pub mod contradictions;
 pub mod equations;
 pub mod friction;
+pub mod gains;
 pub mod judge;
 pub mod mend;
 pub mod robot;
@@ -156,6 +157,10 @@ pub fn calibrate(
     let fitting = alternatives::fitting(robot, &candidates[middle], &prior, &friction);
     let mut refused = contradictions::efforts(robot, &candidates[middle]);
     refused.extend(contradiction(robot, &prior, &fitting, &mended));
+    refused.extend(gains::bounds(robot, &candidates[middle], &friction));
+    if !prior.guessed && fitting.contradicts() && fitting.other.is_none() {
+        refused.extend(gains::factors(robot, &candidates[middle], &friction));
+    }
     if robot.accept {
         let accepted = refused.drain(..);
         notes.extend(accepted.map(|p| format!("accepted: {}", p.reason)));
@@ -229,16 +234,18 @@ pub fn calibrate(
     let inertias: Vec<Inertia> = (0..robot.bodies)
         .map(|b| consistent::inertia(&consistent::of_body(solution, b)))
         .collect();
-    let contradictions = if urdf_kept || prior.guessed {
+    let mut contradictions = if urdf_kept || prior.guessed {
         Vec::new()
     } else {
         contradictions::links(robot, &inertias)
     };
+    let terms: Vec<JointFriction> = (0..robot.measured.len()).map(terms).collect();
+    contradictions.extend(gains::driving(robot, &terms, &judged, &motion));
     Ok(Calibration {
         verdicts: contradictions::joints(robot, &judged, &motion),
         contradictions,
         inertias,
-        friction: (0..robot.measured.len()).map(terms).collect(),
+        friction: terms,
         condition: base.condition(&normals[0], &fit.choice.keep),
         lambda: fit.choice.lambda,
         smoothing: smoothings[fit.candidate],

@@ -7,13 +7,15 @@
 //! the divergence from the URDF's inertias: without it wrong columns are explained by impossible
 //! links. Both terms do not depend on the torques' unit, so that readings of other units compare.
 
+mod readings;
+
 use super::consistent::Prior;
 use super::friction::Friction;
 use super::robot::Robot;
 use super::rows::Rows;
 use dynamics::{Data, PARAMETERS, joint_torque_regressor};
 use nalgebra::{DMatrix, DVector, Vector3};
-use std::f64::consts::{FRAC_PI_2, PI};
+use readings::{Columns, Reading, SHIFTS, readings};
 
 /// Samples that a reading is judged by.
 const SAMPLES: usize = 160;
@@ -31,29 +33,6 @@ const MUCH_BETTER: f64 = 0.3;
 const ANOTHER_ORDER: f64 = 0.1;
 /// Readings that are combined at most: a robot may have two joints with another direction.
 const COMBINED: usize = 4;
-/// Rows by which torques are shifted at most.
-const SHIFTS: i64 = 12;
-
-/// What the torques and angles of a log are taken for.
-#[derive(Debug, Clone, PartialEq)]
-enum Reading {
-    Angle(usize, f64, f64),
-    Torque(usize, f64),
-    Both(usize),
-    Exchanged(Columns, usize, usize),
-    Order(Columns, Vec<usize>, &'static str),
-    AllTorques(f64),
-    Gravity(Vector3<f64>),
-    Late(i64),
-}
-
-/// Columns that may be exchanged.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Columns {
-    Angles,
-    Torques,
-    All,
-}
 
 /// How well a log fits the URDF.
 #[derive(Debug, Clone, Default)]
@@ -206,138 +185,31 @@ impl Moments {
                 }
                 out.tau = shifted.tau;
             }
-        }
-        Some(out)
-    }
-}
-
-/// Every reading that is tried.
-fn readings(robot: &Robot<'_>) -> Vec<Reading> {
-    let n = robot.measured.len();
-    let kind = |k: usize| robot.model.joints()[robot.measured[k]].kind.is_revolute();
-    let mut all = Vec::new();
-    for k in 0..n {
-        all.push(Reading::Angle(k, -1.0, 0.0));
-        if kind(k) {
-            for turn in [FRAC_PI_2, -FRAC_PI_2, PI] {
-                all.push(Reading::Angle(k, 1.0, turn));
-                all.push(Reading::Angle(k, -1.0, turn));
-            }
-        }
-        all.extend([-1.0, 1e-3, 1e3].map(|factor| Reading::Torque(k, factor)));
-        all.push(Reading::Both(k));
-    }
-    for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
-        let both = [Columns::All, Columns::Angles, Columns::Torques];
-        all.extend(both.map(|columns| Reading::Exchanged(columns, a, b)));
-    }
-    let mut named: Vec<usize> = (0..n).collect();
-    named.sort_by_key(|&k| robot.name(k));
-    // Column c of the log is of joint named[c]: joint k takes the column at which it stands.
-    let place = |k: usize| named.iter().position(|j| *j == k).unwrap_or(k);
-    let alphabetical: Vec<usize> = (0..n).map(place).collect();
-    let backwards: Vec<usize> = (0..n).rev().collect();
-    for columns in [Columns::All, Columns::Angles, Columns::Torques] {
-        if n > 2 {
-            all.push(Reading::Order(
-                columns,
-                alphabetical.clone(),
-                "in alphabetical order",
-            ));
-            all.push(Reading::Order(
-                columns,
-                backwards.clone(),
-                "from the tip to the root",
-            ));
-        }
-    }
-    all.extend([-1.0, 1e-3, 1e3].map(Reading::AllTorques));
-    let size = robot.model.gravity().norm();
-    if size > 0.0 {
-        for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
-            for sign in [-size, size] {
-                let gravity = axis * sign;
-                if (gravity - robot.model.gravity()).norm() > 0.1 * size {
-                    all.push(Reading::Gravity(gravity));
+            Reading::LateJoint(columns, k, rows_late) => {
+                let shifted = |place: &usize| {
+                    (*place as i64 + rows_late).clamp(0, rows.len() as i64 - 1) as usize
+                };
+                let untouched = Self::new(robot, rows, places, 0);
+                let own = &rows.of[*k];
+                if *columns == Columns::Angles && untouched.state[*k] == self.state[*k] {
+                    out.state[*k] = places.iter().map(|p| own.state[shifted(p)]).collect();
+                } else if *columns == Columns::Torques && untouched.tau[*k] == self.tau[*k] {
+                    out.tau[*k] = places.iter().map(|p| own.tau[shifted(p)]).collect();
+                } else {
+                    return None;
                 }
             }
-        }
-    }
-    all.extend((-SHIFTS..=SHIFTS).filter(|k| *k != 0).map(Reading::Late));
-    all
-}
-
-impl Columns {
-    fn words(self) -> &'static str {
-        match self {
-            Self::Angles => "q",
-            Self::Torques => "tau",
-            Self::All => "q and tau",
-        }
-    }
-}
-
-impl Reading {
-    /// The reading in words that follow "if".
-    fn words(&self, robot: &Robot<'_>, rows: &Rows) -> String {
-        match self {
-            Self::Angle(k, sign, offset) => {
-                let name = robot.name(*k);
-                let way = if *sign < 0.0 {
-                    " counts the other way"
-                } else {
-                    ""
-                };
-                let turn = if *offset == 0.0 {
-                    String::new()
-                } else {
-                    let and = if way.is_empty() { "" } else { " and" };
-                    format!("{and} has its zero {:.0} degrees off", offset.to_degrees())
-                };
-                format!("q of `{name}`{way}{turn}")
-            }
-            Self::Torque(k, factor) => {
-                format!("tau of `{}` {}", robot.name(*k), scaled(*factor))
-            }
-            Self::Both(k) => format!("q and tau of `{}` count the other way", robot.name(*k)),
-            Self::Exchanged(columns, a, b) => format!(
-                "columns {} of `{}` and `{}` are exchanged",
-                columns.words(),
-                robot.name(*a),
-                robot.name(*b)
-            ),
-            Self::Order(columns, _, order) => format!("columns {} come {order}", columns.words()),
-            Self::AllTorques(factor) => format!("tau of all joints {}", scaled(*factor)),
-            Self::Gravity(g) => format!(
-                "gravity in the root link's axes is {:.2},{:.2},{:.2} (--gravity)",
-                g.x, g.y, g.z
-            ),
-            Self::Late(shift) => {
-                let steps = rows.stamps.windows(2).map(|w| w[1].1 - w[0].1);
-                let mut steps: Vec<f64> = steps.filter(|s| *s > 0.0).collect();
-                steps.sort_by(f64::total_cmp);
-                let step = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
-                let (late, early) = if *shift > 0 {
-                    ("tau", "q")
-                } else {
-                    ("q", "tau")
-                };
-                format!(
-                    "{late} is late against {early} by some {:.0} ms",
-                    1e3 * step * shift.abs() as f64
-                )
+            Reading::Saturated(k, multiple) => {
+                let most = self.tau[*k]
+                    .iter()
+                    .fold(0.0f64, |most, x| most.max(x.abs()));
+                let bound = (multiple * most).max(1e-12);
+                out.tau[*k]
+                    .iter_mut()
+                    .for_each(|x| *x = bound * (*x / bound).atanh());
             }
         }
-    }
-}
-
-fn scaled(factor: f64) -> &'static str {
-    if factor < 0.0 {
-        "has the opposite sign (--negate-torque where all have)"
-    } else if factor < 1.0 {
-        "is in mN·m"
-    } else {
-        "is in kN·m"
+        Some(out)
     }
 }
 

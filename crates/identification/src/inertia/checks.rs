@@ -255,16 +255,6 @@ pub fn torques(
             problems.push(Problem::new(reason, "its measured torque, N·m (N)"));
             continue;
         }
-        let most = own.raw.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        let clipped = own
-            .raw
-            .iter()
-            .filter(|x| x.abs() >= most * (1.0 - 1e-9))
-            .count();
-        if clipped * 50 > own.raw.len() {
-            let share = 100.0 * clipped as f64 / own.raw.len() as f64;
-            notes.push(format!("tau of `{name}` is at its largest, {most:.3}, for {share:.0} % of the time: is it limited?"));
-        }
         if !urdf_has_masses || !friction[joint].moves {
             continue;
         }
@@ -307,7 +297,7 @@ pub fn torques(
 }
 
 /// The URDF's torques at every sample, `[joint][sample]`.
-fn model_torques(robot: &Robot<'_>, rows: &Rows) -> Vec<Vec<f64>> {
+pub(super) fn model_torques(robot: &Robot<'_>, rows: &Rows) -> Vec<Vec<f64>> {
     let mut data = Data::new(robot.model);
     let n = robot.model.joint_count();
     let mut out = vec![Vec::new(); rows.joints];

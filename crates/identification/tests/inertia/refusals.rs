@@ -170,3 +170,54 @@ fn wrong_logs_are_refused_with_the_likely_cause() {
         );
     }
 }
+
+/// Torques on the motor's side of one gear, torques that end at a bound, a log that runs backwards, gravity that a
+/// controller has taken off: each by its cause.
+#[test]
+fn torques_that_are_none_of_the_joints_are_refused_with_the_cause() {
+    let log = Recorded {
+        seconds: 20.0,
+        ..RECORDED
+    }
+    .log(&other(6));
+    let with = |change: &dyn Fn(usize, &mut JointColumns)| {
+        let mut bad = log.clone();
+        let joints = bad.joints.iter_mut().flatten().enumerate();
+        joints.for_each(|(k, columns)| change(k, columns));
+        match found(&[bad], &[]) {
+            Ok(calibration) => calibration.contradictions.join("; "),
+            Err(problems) => problems.to_string(),
+        }
+    };
+    let each = |x: &mut Vec<f64>, of: &dyn Fn(f64) -> f64| x.iter_mut().for_each(|x| *x = of(*x));
+    let most = |x: &[f64]| x.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    let cases = [
+        (
+            with(&|k, c| each(&mut c.tau, &|x| if k == 1 { x / 101.0 } else { x })),
+            "on the motor's side of the gear",
+        ),
+        (
+            with(&|_, c| each(&mut c.tau, &|x| x / 8.0)),
+            "times the URDF's torques: a motor current",
+        ),
+        (
+            with(&|k, c| {
+                let bound = 0.6 * most(&c.tau);
+                each(&mut c.tau, &|x| {
+                    if k == 1 { x.clamp(-bound, bound) } else { x }
+                });
+            }),
+            "while the joint moves: its measurement ends there",
+        ),
+        (
+            with(&|_, c| {
+                c.q.reverse();
+                c.tau.reverse();
+            }),
+            "does the log run backwards in time?",
+        ),
+    ];
+    for (message, part) in &cases {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+}
