@@ -3,8 +3,10 @@
 use crate::common;
 use cycle::ClientInput;
 use plant::parameters::PowerLossParameters;
+use robot_config::Robot;
 use robot_state::{RobotState, SharedRecord};
 use std::sync::atomic::AtomicBool;
+use test_support::{read_project_file, with_canopen_nodes};
 use torqued::bring_up::bring_up;
 use torqued::bus::LockStep;
 use torqued::bus::in_process::{VirtualClock, VirtualDeadline};
@@ -19,7 +21,26 @@ struct Rig {
 
 impl Rig {
     fn new(name: &str, losses: Vec<PowerLossParameters>) -> Self {
-        let robot = common::robot(name);
+        Self::of(name, common::robot(name), losses)
+    }
+
+    /// A robot of the project with CANopen nodes in place of the drives of its DBC file, two on a bus.
+    fn with_nodes(name: &str) -> Self {
+        let config = format!("config/{name}/robot.toml");
+        let read = |path: &str| {
+            let text = read_project_file(path)?;
+            let changed = path == config;
+            Ok(if changed {
+                with_canopen_nodes(&text, 2)
+            } else {
+                text
+            })
+        };
+        let robot = robot_config::load(&config, &read).expect("a robot");
+        Self::of(name, robot, Vec::new())
+    }
+
+    fn of(name: &str, robot: Robot, losses: Vec<PowerLossParameters>) -> Self {
         let mut sim = common::sim(name);
         sim.power_losses = losses;
         let clock = VirtualClock::new();
@@ -65,6 +86,24 @@ fn from_power_on_to_holding() {
         assert!((q - before).abs() < 5e-3, "{name}: {before} {q}");
         let robot = rig.control_loop.bus().peer();
         assert_eq!(robot.unknown_frames(), 0, "{name}");
+    }
+}
+
+/// Prismatic joints, joints without a link-side encoder, and thirty drives on fifteen buses beside those of sensors.
+#[test]
+fn robots_of_dbc_files_hold_with_nodes_too() {
+    for name in ["lift-gripper", "hrp2-like", "humanoid"] {
+        let mut rig = Rig::with_nodes(name);
+        rig.until(RobotState::Holding, 5000);
+        for _ in 0..200 {
+            rig.cycle();
+        }
+        let record = rig.cycle().cycle;
+        assert_eq!(
+            (record.fault, record.state),
+            (0, RobotState::Holding.number()),
+            "{name}"
+        );
     }
 }
 

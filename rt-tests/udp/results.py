@@ -35,8 +35,9 @@ def write(path):
         "```",
         "",
         "runs `torqued run` on a UDP bus against drives of other people's, and writes this page. Drives of CiA 402 are PyPI"
-        " `canopen`'s LocalNode and `durand`. Actuators are those of `rt-tests/udp/actuators.py`, whose frames are those of"
-        " PyPI `damiao-motor`, `odrive-can` and `moteus`, or follow the makers' manuals. The loop runs at 200 Hz.",
+        " `canopen`'s LocalNode and `durand`, and the crate `zencan-node`. Actuators are those of"
+        " `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and `moteus`, or"
+        " follow the makers' manuals. The loop runs at 200 Hz.",
         "",
         f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors with other work beside.",
         "",

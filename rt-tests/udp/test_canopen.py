@@ -10,6 +10,7 @@ import durand_drive
 import pytest
 import results
 import torqued
+import zencan_drive
 from canopen_drive import Line
 from processes import BINARIES, ROOT, Process, daemon, forget_faults
 
@@ -132,29 +133,37 @@ def test_from_power_on_to_holding(tmp_path, line, mode, changes):
 
 
 @pytest.fixture
-def second_stack():
-    made = durand_drive.Line(NODES)
+def other_stack(request):
+    made = request.param(NODES)
     yield made
     made.end()
 
 
 @pytest.mark.parametrize(
-    "mode, changes, act", [(8, [], "killed"), (10, CST, "pulled")], ids=["csp-killed", "cst-pulled"]
+    "other_stack, name, mode, changes, act",
+    [
+        (durand_drive.Line, "durand", 8, [], "killed"),
+        (durand_drive.Line, "durand", 10, CST, "pulled"),
+        (zencan_drive.Line, "zencan-node", 8, [], "killed"),
+        (zencan_drive.Line, "zencan-node", 10, CST, "pulled"),
+    ],
+    ids=["durand-csp-killed", "durand-cst-pulled", "zencan-csp-killed", "zencan-cst-pulled"],
+    indirect=["other_stack"],
 )
-def test_a_second_stack_from_power_on_to_holding_and_its_end(tmp_path, second_stack, mode, changes, act):
-    """Drives of `durand`: set up, held, and stopped by themselves when the daemon is killed or the bus pulled."""
-    drives = second_stack.drives
+def test_another_stack_from_power_on_to_holding_and_its_end(tmp_path, other_stack, name, mode, changes, act):
+    """Drives of other stacks: set up, held, and stopped by themselves when the daemon is killed or the bus pulled."""
+    drives = other_stack.drives
     starts = [drive.degrees for drive in drives]
     with daemon(configuration(tmp_path, changes), "--accept-margins") as process:
         to_holding()
         time.sleep(1.0)
         assert all(drive.enabled and drive.operational for drive in drives)
         kill = lambda: process.send(signal.SIGKILL)
-        ms = results.stop_ms(kill if act == "killed" else second_stack.pull, drives)
+        ms = results.stop_ms(kill if act == "killed" else other_stack.pull, drives)
     assert ms / 1000 < 0.45 and all(drive.stopped_after >= 0.3 for drive in drives)
-    results.TABLES["stops"].append(("cia402, durand", 300, act, ms))
+    results.TABLES["stops"].append((f"cia402, {name}", 300, act, ms))
     for drive, start in zip(drives, starts):
-        assert drive.nmt_states[-1] == "OPERATIONAL"
+        assert drive.operational
         assert (drive.value(0x6061), drive.value(0x6065)) == (mode, 100000)
         assert drive.value(0x1016, 1) == 127 << 16 | 300
         position, target = drive.enabled_at

@@ -108,7 +108,13 @@ pub struct Entry {
     pub name: String,
     /// What is sent with nothing mapped: see [`Message::at_start`].
     start: Frame,
-    signals: Range<usize>,
+}
+
+/// What decoding needs of a message, together for all: one line of the cache has several.
+#[derive(Clone, Debug)]
+struct Layout {
+    len: u8,
+    signals: Range<u32>,
 }
 
 /// A mapped signal: one load, one shift, one mask, one multiplication, one addition.
@@ -146,12 +152,57 @@ impl Compiled {
 }
 
 /// Identifiers of one bus.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct BusIndex {
-    /// Index of the message plus one; 0: unknown.
-    standard: Box<[u16; STANDARD_IDS]>,
+    standard: StandardIds,
     /// Identifier without bit 31 and index of the message, sorted.
     extended: Vec<(u32, u16)>,
+}
+
+/// Most standard identifiers of a bus that are searched one after the other: they fill one line of the cache.
+const FEW: usize = 16;
+
+/// Standard identifiers of one bus.
+#[derive(Clone, Debug)]
+enum StandardIds {
+    /// Identifier and index of the message: of buses with one or two drives, of which a robot may have many.
+    Few(Vec<(u16, u16)>),
+    /// Index of the message plus one; 0: unknown.
+    Many(Box<[u16; STANDARD_IDS]>),
+}
+
+impl Default for StandardIds {
+    fn default() -> Self {
+        Self::Few(Vec::new())
+    }
+}
+
+impl StandardIds {
+    /// `index`: at most 65,534.
+    fn insert(&mut self, id: u16, index: u16) {
+        match self {
+            Self::Few(ids) if ids.len() < FEW => ids.push((id, index)),
+            Self::Few(ids) => {
+                let mut all = Box::new([0; STANDARD_IDS]);
+                for &(id, index) in ids.iter().chain(&[(id, index)]) {
+                    all[usize::from(id)] = index + 1;
+                }
+                *self = Self::Many(all);
+            }
+            Self::Many(all) => all[usize::from(id)] = index + 1,
+        }
+    }
+
+    fn find(&self, id: u32) -> Option<usize> {
+        match self {
+            Self::Few(ids) => {
+                let mut ids = ids.iter();
+                let found = ids.find(|&&(own, _)| u32::from(own) == id)?;
+                Some(usize::from(found.1))
+            }
+            Self::Many(all) => usize::from(*all.get(id as usize)?).checked_sub(1),
+        }
+    }
 }
 
 /// Messages and mapped signals of all buses.
@@ -161,6 +212,8 @@ struct BusIndex {
 #[derive(Clone, Debug)]
 pub struct Table {
     entries: Vec<Entry>,
+    /// One for each entry.
+    layouts: Vec<Layout>,
     mapped: usize,
     signals: Vec<Compiled>,
     buses: Vec<BusIndex>,
@@ -215,9 +268,9 @@ impl Table {
     /// The frame is as long as the message with that index.
     #[must_use]
     pub fn has_its_length(&self, index: usize, frame: &Frame) -> bool {
-        self.entries
+        self.layouts
             .get(index)
-            .is_some_and(|entry| entry.len == frame.len)
+            .is_some_and(|layout| layout.len == frame.len)
     }
 
     /// Puts the frame's mapped signals into their slots; the result is its message's index.
@@ -229,6 +282,20 @@ impl Table {
     /// An identifier that no message of the bus has (error frames have none), another length.
     pub fn decode(&self, frame: &Frame, slots: &mut [f64]) -> Result<Option<usize>, DecodeError> {
         let index = self.find(frame).ok_or(DecodeError::UnknownId)?;
+        self.decode_as(index, frame, slots)?;
+        Ok((index < self.mapped).then_some(index))
+    }
+
+    /// As [`decode`](Self::decode), of a frame whose message is known: that of [`find`](Self::find).
+    ///
+    /// # Errors
+    /// Another length than the message's.
+    pub fn decode_as(
+        &self,
+        index: usize,
+        frame: &Frame,
+        slots: &mut [f64],
+    ) -> Result<(), DecodeError> {
         if !self.has_its_length(index, frame) {
             return Err(DecodeError::WrongLength);
         }
@@ -237,7 +304,7 @@ impl Table {
                 *slot = signal.packing.read(&frame.data) * signal.scale + signal.offset;
             }
         }
-        Ok((index < self.mapped).then_some(index))
+        Ok(())
     }
 
     /// Makes the frame of the message with that index from the slots: nearest count, within the
@@ -251,14 +318,16 @@ impl Table {
         let Some(entry) = self.entries.get(index) else {
             return false;
         };
-        let mut made = entry.start;
-        for signal in self.signals_of(index) {
-            let Some(value) = slots.get(signal.slot).filter(|value| value.is_finite()) else {
-                return false;
-            };
-            signal.packing.write(&mut made.data, signal.raw(*value));
+        let signals = self.signals_of(index);
+        let value = |signal: &Compiled| slots.get(signal.slot).filter(|value| value.is_finite());
+        // Most control words are not due: their frames are not begun.
+        if !signals.iter().all(|signal| value(signal).is_some()) {
+            return false;
         }
-        *frame = made;
+        *frame = entry.start;
+        for (signal, value) in signals.iter().filter_map(|s| Some((s, value(s)?))) {
+            signal.packing.write(&mut frame.data, signal.raw(*value));
+        }
         true
     }
 
@@ -272,20 +341,22 @@ impl Table {
     }
 
     fn signals_of(&self, index: usize) -> &[Compiled] {
-        self.entries
+        let range = |layout: &Layout| layout.signals.start as usize..layout.signals.end as usize;
+        self.layouts
             .get(index)
-            .and_then(|entry| self.signals.get(entry.signals.clone()))
+            .and_then(|layout| self.signals.get(range(layout)))
             .unwrap_or_default()
     }
 
-    fn find(&self, frame: &Frame) -> Option<usize> {
+    /// The index of the frame's message, whether it carries a mapped signal or not.
+    #[must_use]
+    pub fn find(&self, frame: &Frame) -> Option<usize> {
         if frame.error {
             return None;
         }
         let bus = self.buses.get(usize::from(frame.bus))?;
         if frame.id & EXTENDED_ID == 0 {
-            let plus_one = *bus.standard.get(frame.id as usize)?;
-            usize::from(plus_one).checked_sub(1)
+            bus.standard.find(frame.id)
         } else {
             let id = frame.id & !EXTENDED_ID;
             let at = bus.extended.binary_search_by_key(&id, |&(id, _)| id).ok()?;

@@ -49,6 +49,39 @@ fn a_frame_of_the_leg_decodes_as_packed_by_hand() {
 }
 
 #[test]
+fn a_message_is_found_however_many_its_bus_has() {
+    for count in [1, 15, 16, 17, 200] {
+        let message = |i| {
+            format!(
+                "BO_ {} M{i}: 1 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B\n\n",
+                2047 - 7 * i
+            )
+        };
+        let file = dbc(&(0..count).map(message).collect::<String>());
+        let table = table(&file);
+        for id in 0..2048 {
+            let mut values = vec![-1.0; count];
+            let i = (2047 - id) / 7;
+            let decoded = table.decode(&frame(id as u32, &[i as u8]), &mut values);
+            if (2047 - id) % 7 == 0 && i < count {
+                assert_eq!(decoded, Ok(Some(i)), "{count} messages: {id}");
+                values[i] -= (1 + i) as f64;
+            } else {
+                assert_eq!(
+                    decoded,
+                    Err(DecodeError::UnknownId),
+                    "{count} messages: {id}"
+                );
+            }
+            assert!(
+                values.iter().all(|value| *value == -1.0),
+                "{count} messages: {id}"
+            );
+        }
+    }
+}
+
+#[test]
 fn frames_of_no_message_are_refused_by_kind() {
     let file = dbc(
         "BO_ 1 USED: 8 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B\n\nBO_ 2 IDLE: 8 A\n\nBO_ 2147483649 EXTENDED: 4 A\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" B",

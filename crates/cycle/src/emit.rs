@@ -9,7 +9,7 @@
 //! A drive that takes positions is sent where its motor stands before it is enabled: one that keeps a target of
 //! its own would go there.
 
-use can_codec::{Frames, Table};
+use can_codec::{Frame, Frames, Table};
 use robot_config::{JointParameters, Robot, slots};
 use robot_state::{DriveState, Event, JointMeasured, MeasuredRecord, measured_flags};
 use supervisor::{Drive, DriveProfile};
@@ -57,6 +57,8 @@ pub(crate) struct Emit {
     joints: Vec<Addressed>,
     /// The joints of each message that carries several set-points.
     shared: Vec<Vec<usize>>,
+    /// For each message: it carries control words.
+    controls: Vec<bool>,
     /// Each drive's last control word.
     words: Vec<Option<u32>>,
     /// Cycles since control words were sent.
@@ -87,6 +89,12 @@ impl Emit {
                 })
                 .collect(),
             shared: shared(&robot.send),
+            controls: (0..robot.send.message_count())
+                .map(|message| {
+                    let mut sent = robot.send.slots(message).map(slots::sent);
+                    sent.any(|sent| matches!(sent, slots::Sent::Control(_)))
+                })
+                .collect(),
             table: robot.send.clone(),
             words: vec![None; robot.parameters.joints.len()],
             since: 0,
@@ -125,7 +133,13 @@ impl Emit {
                 self.words[j].filter(|_| due).map(f64::from),
             );
         }
-        self.table.encode_all(&self.slots, tx);
+        let mut frame = Frame::zeroed(0, 0, 0, false);
+        for (message, &control) in self.controls.iter().enumerate() {
+            // Of drives by profiles each has a message of its own for its control word, which is seldom due.
+            if (due || !control) && self.table.encode(message, &self.slots, &mut frame) {
+                tx.push(frame);
+            }
+        }
         counts.add_many(Event::SendFailed, tx.overflow());
     }
 

@@ -264,6 +264,27 @@ fn what_is_not_as_planned_is_named_with_its_object() {
     }
 }
 
+/// CiA 301: a node's heartbeat may be a constant.
+#[test]
+fn a_heartbeat_that_cannot_be_set_stays_unless_there_is_none() {
+    let kind = kind(Mode::Position);
+    let heartbeat = Object::new(0x1017, 0);
+    for own in [100u16, 0] {
+        let mut node = node(&kind);
+        node.fix(heartbeat, &own.to_le_bytes());
+        let mut master = BringUp::new(plan(&kind), Limits::default());
+        run(&mut master, &mut node, &mut |_, _, _| true);
+        if own == 0 {
+            let text = trouble(master.outcome()).to_string();
+            assert!(text.contains("1017:00: it is zero"), "{text}");
+        } else {
+            assert_eq!(master.outcome(), &Outcome::Done);
+            let remarks = &master.done().remarks;
+            assert!(remarks[0].contains("stays 100"), "{remarks:?}");
+        }
+    }
+}
+
 #[test]
 fn a_mode_that_is_not_taken_is_named() {
     let kind = kind(Mode::Torque);

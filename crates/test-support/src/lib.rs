@@ -4,12 +4,14 @@
 //! Uses no other crate, so that every crate's tests may use it.
 
 mod allocation;
+mod nodes;
 mod project;
 mod random;
 mod results_page;
 mod temporary_directory;
 
 pub use allocation::allocations;
+pub use nodes::with_canopen_nodes;
 pub use project::{project_path, read_project_file, read_with_drives_always_on};
 pub use random::Random;
 pub use results_page::ResultsPage;

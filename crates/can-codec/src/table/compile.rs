@@ -1,7 +1,7 @@
 //! From DBC files and the signals in use to a table, with every problem that is found on the way.
 
 use super::{
-    BusDbc, BusIndex, Compiled, Entry, STANDARD_IDS, SignalMap, Table, TableError, TableProblem,
+    BusDbc, BusIndex, Compiled, Entry, Layout, SignalMap, Table, TableError, TableProblem,
 };
 use crate::dbc::{Message, show_id};
 use crate::frame::EXTENDED_ID;
@@ -156,6 +156,7 @@ impl<'a> Compiler<'a> {
 
         let mut table = Table {
             entries: Vec::with_capacity(order.len()),
+            layouts: Vec::with_capacity(order.len()),
             mapped,
             signals: Vec::with_capacity(resolved.len()),
             buses: Vec::new(),
@@ -171,6 +172,10 @@ impl<'a> Compiler<'a> {
             let own = resolved.iter().filter(|&&(owner, _)| owner == message);
             table.signals.extend(own.map(|&(_, signal)| signal));
             table.index(on_bus.bus, described.id);
+            table.layouts.push(Layout {
+                len: described.len,
+                signals: start as u32..table.signals.len() as u32,
+            });
             table.entries.push(Entry {
                 bus: on_bus.bus,
                 id: described.id,
@@ -178,7 +183,6 @@ impl<'a> Compiler<'a> {
                 fd: described.fd,
                 name: described.name.clone(),
                 start: described.at_start(on_bus.bus),
-                signals: start..table.signals.len(),
             });
         }
         Ok(table)
@@ -190,15 +194,12 @@ impl Table {
     fn index(&mut self, bus: u8, id: u32) {
         let bus = usize::from(bus);
         if self.buses.len() <= bus {
-            self.buses.resize_with(bus + 1, || BusIndex {
-                standard: Box::new([0; STANDARD_IDS]),
-                extended: Vec::new(),
-            });
+            self.buses.resize_with(bus + 1, BusIndex::default);
         }
         let index = self.entries.len() as u16;
         let BusIndex { standard, extended } = &mut self.buses[bus];
         if id & EXTENDED_ID == 0 {
-            standard[id as usize] = index + 1;
+            standard.insert(id as u16, index);
         } else {
             let id = id & !EXTENDED_ID;
             let at = extended.partition_point(|&(other, _)| other < id);

@@ -1,6 +1,6 @@
 //! Reception: the newest signals of all messages, and the age of each sample.
 
-use can_codec::{DecodeError, Frame, Frames, Table};
+use can_codec::{Frames, Table};
 use robot_config::{Robot, Sampled, Sampling, slots};
 use robot_state::{Event, measured_flags};
 
@@ -120,32 +120,31 @@ impl Reception {
                 counts.add(Event::BusErrorFrame);
                 continue;
             }
-            if self.is_older(frame, now) {
+            let Some(message) = self.table.find(frame) else {
+                counts.add(Event::FrameUnknownId);
+                continue;
+            };
+            let stamp = self.stamps.get_mut(message);
+            let last = stamp.as_ref().and_then(|stamp| **stamp);
+            // Received before one of the same message that has been taken already.
+            if last.is_some_and(|last| last <= now.0 && frame.stamp_ns < last) {
                 counts.add(Event::FrameOutOfOrder);
                 continue;
             }
-            match self.table.decode(frame, &mut self.slots) {
-                Ok(Some(message)) => {
-                    if let Some(fresh) = self.fresh.get_mut(message) {
-                        *fresh = true;
-                    }
-                    if let Some(stamp) = self.stamps.get_mut(message) {
-                        // A clock that was set back must not make later frames look old.
-                        *stamp = Some(frame.stamp_ns.min(now.0));
-                    }
-                }
-                Ok(None) => {}
-                Err(DecodeError::UnknownId) => counts.add(Event::FrameUnknownId),
-                Err(DecodeError::WrongLength) => counts.add(Event::FrameWrongLength),
+            if self
+                .table
+                .decode_as(message, frame, &mut self.slots)
+                .is_err()
+            {
+                counts.add(Event::FrameWrongLength);
+                continue;
+            }
+            if let Some((stamp, fresh)) = stamp.zip(self.fresh.get_mut(message)) {
+                *fresh = true;
+                // A clock that was set back must not make later frames look old.
+                *stamp = Some(frame.stamp_ns.min(now.0));
             }
         }
-    }
-
-    /// The frame was received before one of the same message that has been taken already.
-    fn is_older(&self, frame: &Frame, now: Stamp) -> bool {
-        let message = self.table.classify(frame);
-        let last = message.and_then(|m| self.stamps.get(m).copied().flatten());
-        last.is_some_and(|last| last <= now.0 && frame.stamp_ns < last)
     }
 
     /// The source's sample of this cycle.

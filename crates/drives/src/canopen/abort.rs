@@ -2,6 +2,8 @@
 
 /// The object does not exist.
 pub const NO_OBJECT: u32 = 0x0602_0000;
+/// The object can only be read.
+pub const READ_ONLY: u32 = 0x0601_0002;
 /// The sub-index does not exist.
 pub const NO_SUB_INDEX: u32 = 0x0609_0011;
 
@@ -15,7 +17,7 @@ const CODES: &[(u32, &str)] = &[
     (0x0504_0005, "the node is out of memory"),
     (0x0601_0000, "the object cannot be accessed so"),
     (0x0601_0001, "the object can only be written"),
-    (0x0601_0002, "the object can only be read"),
+    (READ_ONLY, "the object can only be read"),
     (NO_OBJECT, "the object does not exist"),
     (0x0604_0041, "the object cannot be mapped to a PDO"),
     (

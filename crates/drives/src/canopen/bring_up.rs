@@ -70,6 +70,8 @@ enum Purpose {
     Used,
     /// Old value of a write that is only shown.
     Old,
+    /// Value of an object that cannot be written.
+    Fixed,
 }
 
 /// State of a set-up.
@@ -340,9 +342,14 @@ impl BringUp {
         let Some(step) = self.plan.steps.get(self.step).cloned() else {
             return;
         };
-        let value = match result {
-            Ok(value) => value,
-            Err(error) => return self.refused(&step, purpose, error),
+        let value = match (result, &step) {
+            (Ok(value), _) => value,
+            (Err(SdoError::Abort(abort::READ_ONLY)), Step::Write(write))
+                if write.may_be_fixed && purpose == Purpose::Write =>
+            {
+                return self.ask(Request::Read(write.object), Purpose::Fixed, now, out);
+            }
+            (Err(error), _) => return self.refused(&step, purpose, error),
         };
         match (step, purpose) {
             (Step::Read(check), _) => self.check(&check, &value, now),
@@ -353,6 +360,14 @@ impl BringUp {
             }
             (Step::Write(write), Purpose::Write) => {
                 self.ask(Request::Read(write.object), Purpose::ReadBack, now, out);
+            }
+            (Step::Write(_), Purpose::Fixed) if number(&value) == 0 => {
+                let cure = "the daemon would not notice that it starts anew: use other firmware";
+                self.fail("it is zero, and can only be read", cure);
+            }
+            (Step::Write(write), Purpose::Fixed) => {
+                self.done.note_fixed(&write, number(&value));
+                self.next();
             }
             (Step::Write(write), _) => {
                 self.done.note_change(&write, None);
@@ -460,16 +475,7 @@ impl BringUp {
             Waiting::Answer { transfer, .. } => Some(transfer.object()),
             _ => None,
         };
-        let meaning = match self.plan.steps.get(self.step) {
-            Some(Step::ResetCommunication) => "reset of its communication",
-            Some(Step::Read(check)) => check.meaning,
-            Some(Step::Write(write)) => write.meaning,
-            Some(Step::Compare(_)) => "limits of its own",
-            Some(Step::SwitchOff(_)) => "process data that are not used",
-            Some(Step::Copy(..)) => "set-point at where it stands",
-            Some(Step::Start) => "start",
-            None => "end",
-        };
+        let meaning = self.plan.steps.get(self.step).map_or("end", Step::meaning);
         self.outcome = Outcome::Failed(Box::new(Trouble {
             bus: self.plan.bus,
             node: self.plan.node,

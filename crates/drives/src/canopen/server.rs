@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 const NO_OBJECT: u32 = super::abort::NO_OBJECT;
 const CANNOT: u32 = 0x0601_0000;
-const READ_ONLY: u32 = 0x0601_0002;
+const READ_ONLY: u32 = super::abort::READ_ONLY;
 const NOT_MAPPABLE: u32 = 0x0604_0041;
 const WRONG_LENGTH: u32 = 0x0607_0010;
 const WRONG_TOGGLE: u32 = 0x0503_0000;
@@ -108,6 +108,16 @@ impl Server {
     pub fn set(&mut self, object: Object, bytes: &[u8]) {
         if let Some(value) = self.objects.get_mut(&object) {
             value.bytes = bytes.to_vec();
+        }
+    }
+
+    /// The object is a constant from now on, whatever resets the node.
+    pub fn fix(&mut self, object: Object, bytes: &[u8]) {
+        for objects in [&mut self.objects, &mut self.at_power_on] {
+            if let Some(value) = objects.get_mut(&object) {
+                value.writable = false;
+                value.bytes = bytes.to_vec();
+            }
         }
     }
 

@@ -93,7 +93,15 @@ impl Drive<'_> {
             "heartbeat of the daemon that it expects",
             le(consumer),
         ));
-        steps.push(write(Object::new(0x1017, 0), "its own heartbeat, ms", own));
+        let heartbeat = write(Object::new(0x1017, 0), "its own heartbeat, ms", own);
+        steps.push(match heartbeat {
+            // CiA 301 allows a constant.
+            Step::Write(write) => Step::Write(Write {
+                may_be_fixed: true,
+                ..write
+            }),
+            step => step,
+        });
         // Quick stop; a drive without the object does what its maker chose.
         let quick_stop = 3i16.to_le_bytes().to_vec();
         let lost = Object::new(0x6007, 0);
@@ -186,6 +194,7 @@ impl Drive<'_> {
                     value: written.value,
                     mask: written.mask,
                     optional: false,
+                    may_be_fixed: false,
                 }));
             }
         }
@@ -248,6 +257,7 @@ fn write(object: Object, meaning: &'static str, value: Vec<u8>) -> Step {
         value,
         mask: u32::MAX,
         optional: false,
+        may_be_fixed: false,
     })
 }
 

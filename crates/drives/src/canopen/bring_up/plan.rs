@@ -21,6 +21,22 @@ pub enum Step {
     Start,
 }
 
+impl Step {
+    /// What it is for.
+    #[must_use]
+    pub fn meaning(&self) -> &'static str {
+        match self {
+            Self::ResetCommunication => "reset of its communication",
+            Self::Read(check) => check.meaning,
+            Self::Write(write) => write.meaning,
+            Self::Compare(_) => "limits of its own",
+            Self::SwitchOff(_) => "process data that are not used",
+            Self::Copy(..) => "set-point at where it stands",
+            Self::Start => "start",
+        }
+    }
+}
+
 /// What an object must be.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
@@ -53,6 +69,8 @@ pub struct Write {
     pub mask: u32,
     /// A node may lack it.
     pub optional: bool,
+    /// A node may have a value of its own that can only be read: any but zero will do.
+    pub may_be_fixed: bool,
 }
 
 /// The set-up of a node.

@@ -48,7 +48,7 @@ pub struct Done {
     pub readings: Vec<Reading>,
     /// Objects that were written, in order.
     pub changes: Vec<Change>,
-    /// Limits of the node's own that are wider than what is asked, in words.
+    /// Limits of the node's own that are wider than what is asked, and values that it keeps, in words.
     pub remarks: Vec<String>,
 }
 
@@ -73,6 +73,12 @@ impl Done {
 
     pub(super) fn note_remark(&mut self, bound: &Bound, what: String) {
         self.remarks.push(format!("{} {what}", bound.object));
+    }
+
+    pub(super) fn note_fixed(&mut self, write: &Write, value: u32) {
+        let (object, meaning) = (write.object, write.meaning);
+        let remark = format!("{object} {meaning}: stays {value}, which cannot be written");
+        self.remarks.push(remark);
     }
 
     pub(super) fn note_change(&mut self, write: &Write, old: Option<u32>) {
