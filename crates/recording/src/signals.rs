@@ -335,7 +335,7 @@ mod tests {
     /// A JointState of two joints without velocities and efforts, in either byte order.
     fn joint_state(names: [&str; 2], big_endian: bool) -> Vec<u8> {
         let mut bytes = vec![0, u8::from(!big_endian), 0, 0];
-        let mut number = |bytes: &mut Vec<u8>, x: u32| {
+        let number = |bytes: &mut Vec<u8>, x: u32| {
             bytes.resize(bytes.len().next_multiple_of(4), 0);
             bytes.extend(if big_endian {
                 x.to_be_bytes()
