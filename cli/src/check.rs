@@ -4,6 +4,7 @@ pub(crate) mod bus_load;
 mod frames;
 mod gains;
 mod json;
+mod stand;
 mod text;
 
 use crate::margins;

@@ -48,6 +48,9 @@ fn a_shipped_calibration_is_of_its_robot_and_taken_back_leaves_its_configuration
         assert!(status.contains(" calibrated "), "{name}\n{status}");
         let problems = expect(&folder, &format!("check {config}"), 0);
         assert!(problems.contains(name), "{problems}");
+        let stands = ["centre of mass", "base's angle", "more delay"];
+        let stands = stands.map(|part| problems.contains(part));
+        assert_eq!(stands, [name == "humanoid"; 3], "{problems}");
         expect(&folder, &format!("calibrate rollback {config}"), 0);
         let text =
             |file: &str| fs::read_to_string(folder.join("config").join(name).join(file)).unwrap();

@@ -3,6 +3,7 @@
 use super::bus_load::BusLoad;
 use super::frames;
 use super::gains::equivalent;
+use super::stand;
 use super::{command, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use robot_config::{BusParameters, Carrier, JointParameters, Robot};
@@ -89,6 +90,7 @@ pub(super) fn object(
         "further_imu_frames": parameters.imus.iter().skip(1).map(|imu| &imu.frame).collect::<Vec<_>>(),
         "frames": frames::objects(robot),
         "torque_loops": margins::objects(judged),
+        "mode_stand": stand::judge(robot).map(|stands| stands.objects()),
         "warnings": warnings,
     })
 }

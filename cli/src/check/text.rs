@@ -3,6 +3,7 @@
 use super::bus_load::{BusLoad, WireTime};
 use super::frames;
 use super::gains::equivalent;
+use super::stand;
 use super::{command, lacking, mass_beyond, torque_per_count};
 use crate::margins::{self, JudgedJoint};
 use crate::units::cell;
@@ -71,7 +72,12 @@ pub(super) fn page(
         text += &sensor_table(robot).to_string();
     }
     text += &match robot.cannot_stand() {
-        None => "\nMode stand: on the feet whose soles are given\n".to_owned(),
+        None => stand::judge(robot).map_or(String::new(), |stands| {
+            format!(
+                "\nMode stand: on the feet whose soles are given\n{}",
+                stands.table()
+            )
+        }),
         Some(problem) => format!("\nNo {problem}\n"),
     };
     for warning in warnings {

@@ -16,6 +16,8 @@ pub(crate) struct Lines<R> {
     end: u8,
     /// The line that was read last ends with the file.
     at_end: bool,
+    /// There was no line any more.
+    ended: bool,
 }
 
 /// UTF-16 without its mark: the byte order that every second zero byte shows.
@@ -56,6 +58,7 @@ impl<R: BufRead> Lines<R> {
             count: 0,
             end: if returns { b'\r' } else { b'\n' },
             at_end: false,
+            ended: false,
         })
     }
 
@@ -72,17 +75,17 @@ impl<R: BufRead> Lines<R> {
     /// Adds the next line to `text`, without its end; false at the end.
     pub(crate) fn next(&mut self, text: &mut String) -> Result<bool, Problem> {
         self.bytes.clear();
-        self.count += 1;
+        // The end counts as one line, however often it is read.
+        self.count += usize::from(!self.ended);
         let limit = LONGEST as u64;
         let mut source = self.decoded.by_ref().chain(self.input.by_ref()).take(limit);
         let read = source.read_until(self.end, &mut self.bytes);
         let read = read.map_err(|e| Problem::new(format!("cannot be read: {e}"), ""))?;
-        if read == 0 {
+        self.ended = read == 0;
+        if self.ended {
             return Ok(false);
         }
-        if read > 0 {
-            self.at_end = !self.bytes.ends_with(&[self.end]);
-        }
+        self.at_end = !self.bytes.ends_with(&[self.end]);
         if read >= LONGEST && self.at_end {
             let allowed = format!("at most {LONGEST} bytes");
             return Err(Problem::new("the line is too long", allowed));
