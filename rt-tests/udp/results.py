@@ -39,7 +39,7 @@ def write(path):
         " `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and `moteus`, or"
         " follow the makers' manuals. The loop runs at 200 Hz.",
         "",
-        f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors with other work beside.",
+        f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors.",
         "",
         "## Time until every drive is off",
         "",
