@@ -106,7 +106,7 @@ impl Row {
         }
     }
 
-    /// What makes a reference of the estimates: another sign or unit.
+    /// Change that makes a reference of the estimates: another sign or unit.
     fn cause(&self) -> String {
         let [own, other, product] = self.sums;
         let factor = product / own.max(1e-24);

@@ -121,10 +121,10 @@ fn import(arguments: &ImportArguments) -> Result<String, Problems> {
     Ok(report)
 }
 
-/// Median step of a column over the longest gap from which its stamps are in another unit than the map says.
+/// Median step of a column over the longest gap from which its stamps are in another unit than the map has.
 const SPARSE: f64 = 1.5;
 
-/// Mean step of a column, s, below which its stamps are in another unit than the map says: no log has 50,000 rows a
+/// Mean step of a column, s, below which its stamps are in another unit than the map has: no log has 50,000 rows a
 /// second.
 const DENSE: f64 = 2e-5;
 

@@ -8,7 +8,7 @@ use std::fmt::Write;
 
 /// Ways of the motor over which the plant's bristles bend, rad: sim.toml has 0.01.
 const WAYS: [f64; 5] = [0.03, 0.01, 0.003, 0.001, 0.0005];
-/// What the law knows: nothing, the way, or one that is too short by a factor of two.
+/// Knowledge of the law: nothing, the way, or one that is too short by a factor of two.
 const KNOWN: [(Option<f64>, &str); 3] = [
     (None, "not given"),
     (Some(1.0), "right"),

@@ -40,7 +40,7 @@ pub(crate) struct Conditions {
     pub(crate) draw: u64,
     /// Friction that the law foresees over that of robot.toml.
     pub(crate) friction: f64,
-    /// Bristles of the drives' friction; none: those of sim.toml, of which robot.toml says nothing.
+    /// Bristles of the drives' friction; none: those of sim.toml, which robot.toml does not have.
     pub(crate) bristles: Option<Bristles>,
     /// Share of lost commands.
     pub(crate) lost: f64,

@@ -19,7 +19,7 @@ struct JudgedTask {
     margins: StandingMargins,
 }
 
-/// What a robot that has mode stand bears in it.
+/// Margins of a robot that has mode stand, by task.
 pub(super) struct Stands(Vec<JudgedTask>);
 
 /// Judges the tasks of mode stand; nothing of a robot that does not have it.

@@ -158,8 +158,8 @@ pub(super) fn judge(asked: &Asked, seen: &Seen) -> Outcome {
     })
 }
 
-/// What the current shows of the torque that a standing joint carries by current and model, N·m; or what is wrong with
-/// it. `sigma`: sum of both standard deviations; `least`: share of the model's torque that the current must show.
+/// Words for the torque that a standing joint carries by current and model, N·m; or for their contradiction.
+/// `sigma`: sum of both standard deviations; `least`: share of the model's torque that the current must show.
 pub(super) fn carried(
     torques: Option<[f64; 2]>,
     sigma: f64,

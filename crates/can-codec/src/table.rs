@@ -110,7 +110,7 @@ pub struct Entry {
     start: Frame,
 }
 
-/// What decoding needs of a message, together for all: one line of the cache has several.
+/// Parts of a message that decoding needs, together for all: one line of the cache has several.
 #[derive(Clone, Debug)]
 struct Layout {
     len: u8,

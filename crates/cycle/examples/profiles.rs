@@ -177,7 +177,7 @@ impl Side {
         self.plant.exchange(&self.sync, self.now, &mut self.rx);
     }
 
-    /// What is timed; its time, us.
+    /// Part that is timed; its time, us.
     fn compute(&mut self) -> f64 {
         self.tx.clear();
         self.reference.sequence += 1;

@@ -52,7 +52,7 @@ pub(crate) use usable::{UNUSABLE, valid};
 pub(crate) struct Estimate {
     /// Estimator of each joint; none for a joint without a link-side encoder.
     joints: Vec<Option<AnyEstimator>>,
-    /// What else is known of each joint's torque from encoders.
+    /// Further knowledge of each joint's torque from encoders.
     beside: Vec<Beside>,
     currents: CurrentTorques,
     power: Power,
@@ -68,7 +68,7 @@ pub(crate) struct Estimate {
     settings: Settings,
 }
 
-/// What an estimator knows of its torque beside that torque.
+/// Knowledge of an estimator about its torque, beside that torque.
 #[derive(Debug, Clone, Copy, Default)]
 struct Beside {
     /// The torque without its filters' delay, N·m; see [`estimators::joint::JointTorqueEstimator::undelayed`].

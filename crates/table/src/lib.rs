@@ -254,7 +254,7 @@ impl<R: BufRead> Table<R> {
         self.units.get(column).and_then(|text| Unit::parse(text))
     }
 
-    /// Refuses a column of which the row of units says that it is in no SI unit.
+    /// Refuses a column that the row of units has in no SI unit.
     ///
     /// # Errors
     /// Such a unit.

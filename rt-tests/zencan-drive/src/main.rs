@@ -57,7 +57,7 @@ fn main() {
         stopped_after: None,
         enabled_at: None,
     };
-    // The stack's first heartbeat says "pre-operational"; CiA 301 has a boot-up there.
+    // The stack's first heartbeat is "pre-operational"; CiA 301 has a boot-up there.
     let boots = Cell::new(1);
     let mut reset = |_| boots.set(boots.get() + 1);
     let callbacks = Callbacks {

@@ -230,7 +230,7 @@ fn of_axes() -> impl Iterator<Item = (&'static str, Make)> {
     all.into_iter().flatten()
 }
 
-/// What shows where up is, and which feet bear: late, slightly wrong, or the same of both feet.
+/// Signals of where up is, and of which feet bear: late, slightly wrong, or the same of both feet.
 fn of_standing() -> impl Iterator<Item = (&'static str, Make)> {
     let all: [(&str, Make); 8] = [
         ("IMU late by 20 ms", |_| {

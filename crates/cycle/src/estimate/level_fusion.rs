@@ -37,7 +37,7 @@ const OF_FAST_SIGMA: f64 = 0.7;
 /// Least share of the fast source's variance that is not by its past.
 const LEAST_OWN: f64 = 1e-3;
 
-/// What of the levels is known at a sample.
+/// Knowledge of the levels at a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Levels {
     /// The delayed source's torque less that of the fast one, of one instant, N·m.

@@ -101,7 +101,7 @@ fn level_quick(errors: [f64; 2], fast_sigma: f64, lasting: f64) -> TorqueEstimat
 fn an_encoder_that_is_wrong_does_not_count() {
     let fused = level([10.0, 0.1], 0.3, 0.3);
     assert!((fused.tau - 20.1).abs() < 0.01, "{fused:?}");
-    // The sigma says that something contradicts.
+    // The sigma shows that something contradicts.
     assert!(fused.sigma > 3.0, "{fused:?}");
     // Both within their standard deviations: half of either.
     let fused = level([0.3, -0.3], 0.3 / 0.7, 0.3);
@@ -154,7 +154,7 @@ fn losses_and_numbers_that_are_none_make_no_step() {
     assert!((last - 20.3).abs() < 1e-3, "{last}");
 }
 
-/// The level never leaves the limit, and says so.
+/// The level never leaves the limit, and is reported as limited.
 #[test]
 fn the_limit_holds() {
     let mut fusion = LevelFusion::new(1e-3, LIMIT);
