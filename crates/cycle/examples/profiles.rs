@@ -372,7 +372,7 @@ cargo run --release -p cycle --example profiles -- --page docs/results/cycle-pro
 
 times `Cycle::step` of the humanoid: its 30 drives described by DBC files, and by `profile = \"cia402\"` and `node`, two
 on each of 15 buses. Both are set up and simulated, and take turns: one cycle of each, neither always the first. Buses
-are in memory, other programs run beside. Medians, us; the change is the median of those of 250 cycles each.
+are in memory. Medians, us; the change is the median of those of 250 cycles each.
 
 | mode | DBC | profiles | change, % | quartiles |
 | --- | --- | --- | --- | --- |
