@@ -70,7 +70,8 @@ libc=$(ldd "$binaries/torqued" | awk '$1 == "libc.so.6" {print $3}')
 nm -D --defined-only "$libc" | awk -v heap=" ${heap[*]} " -v libc="$libc" '
     {sub(/@.*/, "", $3)}
     index(heap, " " $3 " ") {print "p:torqued/" $3 " " libc ":0x" $1}' >>$tracing/uprobe_events
-start 4
+# Longer than the count by far: the clock leaps meanwhile, and a loop that ends frees what it had.
+start 7
 loop=$(loop_thread)
 echo "$loop" >"$RESULTS/counts/loop_thread"
 count on
