@@ -5,6 +5,7 @@ mod parts;
 use crate::BAD_INPUT;
 use crate::output::{apart, finish};
 use crate::report::{self, Traces};
+use crate::rows::warn_of_cut;
 use clap::Args;
 use estimators::joint::{JointSample, JointTorqueEstimator};
 use identification::evaluate::{Figures, Score};
@@ -292,6 +293,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
             rows.push(row);
         }
     }
+    warn_of_cut(log.is_cut(), &arguments.log);
     if count == 0 {
         return Err(log.problem("the log has no rows", "at least one").into());
     }

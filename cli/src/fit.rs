@@ -4,6 +4,7 @@ use crate::BAD_INPUT;
 use crate::estimate::{open_log, read_joint};
 use crate::output::finish;
 use crate::report::{self, Traces};
+use crate::rows::warn_of_cut;
 use clap::{ArgMatches, Args, Command, FromArgMatches, Subcommand};
 use identification::all::{self, Fitted, Step};
 use identification::inputs::{self, Inspection, LogKind};
@@ -325,7 +326,9 @@ fn inspected(
     accept: bool,
 ) -> Result<(Vec<LogRow>, Vec<String>), Problems> {
     let file = path.display().to_string();
-    let rows = open_log(path)?.rows()?;
+    let mut log = open_log(path)?;
+    let rows = log.rows()?;
+    warn_of_cut(log.is_cut(), path);
     let of_file = |p: Problems| Problems(p.0.into_iter().map(|p| p.or_at(&file, 0)).collect());
     let inspection: Inspection = match inputs::inspect(joint, &rows, kind) {
         Err(problems) if accept => {

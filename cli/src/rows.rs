@@ -29,8 +29,8 @@ pub(crate) fn open(
 }
 
 /// Prints that a log ends within its last row.
-pub(crate) fn warn_of_cut(table: &Table<BufReader<File>>, path: &Path) {
-    if table.is_cut() {
+pub(crate) fn warn_of_cut(is_cut: bool, path: &Path) {
+    if is_cut {
         let log = path.display();
         eprintln!("warning: {log}: the file ends within its last row, which is left out");
     }
@@ -103,7 +103,7 @@ impl Rows {
                 check(&table, t, last)?;
             }
         }
-        warn_of_cut(&table, path);
+        warn_of_cut(table.is_cut(), path);
         let t = values.remove(0);
         if t.len() < 2 {
             let reason = format!("the log has {} rows", t.len());

@@ -425,6 +425,26 @@ fn wrong_logs_write_nothing() {
     assert!(report.contains("good.csv: torque -"), "{report}");
 }
 
+/// A logger that is killed leaves half a row: it is left out, and that is printed.
+#[test]
+fn a_row_that_the_end_of_the_file_cuts_is_reported() {
+    let folder = folder("cut");
+    let good = log(2.0, |t| (7.0 * t).sin(), |t| (9.0 * t).cos());
+    let end = good.trim_end().rfind(',').unwrap();
+    for (text, cut) in [(good.as_str(), false), (&good[..end], true)] {
+        fs::write(folder.join("run.csv"), text).unwrap();
+        for command in [
+            "estimate --joint joint.toml --log run.csv --accept",
+            "fit kinematic-error --joint joint.toml --log run.csv -o out.toml",
+        ] {
+            let output = torquectl(&folder, command);
+            let message = String::from_utf8_lossy(&output.stderr).into_owned();
+            let warned = message.contains("run.csv: the file ends within its last row");
+            assert_eq!(warned, cut, "{command}: {message}");
+        }
+    }
+}
+
 /// A fit that is ended in its middle, or while it writes, leaves the joint that there was, or has finished: never one
 /// that cannot be used, nor one beside a network of another fit.
 #[test]

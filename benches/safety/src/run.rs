@@ -13,7 +13,7 @@ use crate::scenarios::{Bound, Place, Scenario, Start};
 
 /// Cycles that are observed from the fault's first one on.
 const OBSERVED: usize = 1000;
-/// The same of a robot that stands: from a fault that nobody sees it takes longer to fall.
+/// Cycles for which a standing robot is observed: it takes longer to fall from a fault that nobody sees.
 const OBSERVED_STANDING: usize = 2000;
 /// Cycles until a robot that is switched on holds, with its filters full.
 const SETTLING: usize = 500;
@@ -23,7 +23,7 @@ const AGREEING: usize = 700;
 const IN_MODE: usize = 350;
 /// The same of a frame that presses: its force feedback takes half a second to begin.
 const PRESSING: usize = 1000;
-/// The same of a robot that stands: its centre of mass is led over its soles first.
+/// Cycles until a standing robot is at rest: its centre of mass is led over its soles first.
 const STANDING: usize = 2500;
 /// Share of its greatest force with which a frame presses.
 const PRESSED: f64 = 0.2;

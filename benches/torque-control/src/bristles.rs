@@ -1,4 +1,4 @@
-//! What the law does with friction of other bristles, known to it or not.
+//! The law in front of friction of other bristles, known to it or not.
 
 use crate::cases::parallel;
 use crate::joint::JOINTS;

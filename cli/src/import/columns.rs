@@ -93,7 +93,7 @@ impl Table {
             let log = path.display().to_string();
             return Err(Problem::new(reason, "at least two").at(log, 0));
         }
-        warn_of_cut(&table, path);
+        warn_of_cut(table.is_cut(), path);
         for (name, place) in &places {
             let stated = table.unit(*place).map(|unit| unit.factor);
             if let Some(problem) = stated.and_then(|factor| map.contradicts(name, factor)) {

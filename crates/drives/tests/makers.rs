@@ -18,7 +18,7 @@ const NODE: u8 = 3;
 /// Type (CiA 301), access, mappable.
 type Facts = (u8, &'static str, bool);
 
-/// What all four have, or three of them.
+/// Objects that all four dictionaries have, or three of them.
 const COMMON: &[(&str, Facts)] = &[
     ("1000", (7, "ro", false)),
     ("1001", (5, "ro", false)),

@@ -111,7 +111,7 @@ impl<R: BufRead> LogReader<R> {
     ///
     /// # Errors
     /// As [`Self::next_row`]; a log without any row.
-    pub fn rows(mut self) -> Result<Vec<LogRow>, Problem> {
+    pub fn rows(&mut self) -> Result<Vec<LogRow>, Problem> {
         let mut rows = Vec::new();
         while let Some(row) = self.next_row()? {
             rows.push(row);
@@ -120,6 +120,12 @@ impl<R: BufRead> LogReader<R> {
             return Err(self.problem("the log has no rows", "at least one"));
         }
         Ok(rows)
+    }
+
+    /// The file ends within its last row, which is left out; see [`Table::is_cut`]. Known at the end.
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        self.table.is_cut()
     }
 
     /// A problem at the line that was read last.

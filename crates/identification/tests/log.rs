@@ -4,7 +4,7 @@ use identification::log::LogReader;
 use std::io::Read;
 
 fn message(text: &str) -> String {
-    match LogReader::new(text.as_bytes(), "run.csv").and_then(LogReader::rows) {
+    match LogReader::new(text.as_bytes(), "run.csv").and_then(|mut log| log.rows()) {
         Ok(rows) => panic!("accepted: {rows:?}"),
         Err(e) => e.to_string(),
     }
@@ -13,7 +13,7 @@ fn message(text: &str) -> String {
 #[test]
 fn columns_may_stand_in_any_order_among_others() {
     let text = "\u{feff}x,q, theta ,t,i,tau_sensor\r\n9,0.1,10,0,2,3\r\n\n9,0.2,20,0.001,-2,4\n";
-    let log = LogReader::new(text.as_bytes(), "run.csv").unwrap();
+    let mut log = LogReader::new(text.as_bytes(), "run.csv").unwrap();
     assert!(log.has_torque());
     let rows = log.rows().unwrap();
     assert_eq!(rows.len(), 2);
@@ -34,7 +34,7 @@ fn columns_may_stand_in_any_order_among_others() {
 fn fields_may_be_separated_by_commas_semicolons_or_tabs() {
     let text = "t,theta,q,i,note\n0,1,2,3,a;b\n0.001,2,3,4,c;d\n";
     let read = |text: &str| {
-        let log = LogReader::new(text.as_bytes(), "run.csv").unwrap();
+        let mut log = LogReader::new(text.as_bytes(), "run.csv").unwrap();
         log.rows().unwrap()
     };
     let expected = read(text).iter().map(|r| r.theta).collect::<Vec<_>>();

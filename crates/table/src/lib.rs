@@ -34,7 +34,7 @@ fn is_number(field: &str) -> bool {
     number(&field.trim().replace(',', ".")).is_some()
 }
 
-/// What is allowed in place of a field that is no finite number.
+/// Allowed fields in place of one that is no finite number.
 fn instead_of(field: &str) -> String {
     let groups = field.matches([',', '.']).count() > 1;
     let digits = field

@@ -12,7 +12,7 @@ pub(crate) struct Lines<R> {
     decoded: Cursor<Vec<u8>>,
     bytes: Vec<u8>,
     count: usize,
-    /// What a line ends with: a line feed, or a carriage return in files of old Macintoshes.
+    /// End of a line: a line feed, or a carriage return in files of old Macintoshes.
     end: u8,
     /// The line that was read last ends with the file.
     at_end: bool,

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 
-/// What stands in `[drive.NAME.canopen]`, with or without a link-side encoder; for robots that have velocities.
+/// Keys of `[drive.NAME.canopen]`, with or without a link-side encoder, and for robots that have velocities.
 const AT_LINK: &str = "position = \"link\"\nother_angle = \"2240:00\"\n";
 const AT_MOTOR: &str = "position = \"motor\"\n";
 const VELOCITY: &str = "velocity_rpm_per_count = 1.0\n";

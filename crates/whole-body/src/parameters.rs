@@ -45,7 +45,7 @@ pub struct FtSensorParameters {
 pub struct LastingErrors {
     /// Of the force where nothing acts: what a tare leaves, N.
     pub force: f64,
-    /// The same of the torque, N·m.
+    /// Standard deviation of the torque's offset, each axis, N·m.
     pub torque: f64,
     /// Share of the force, and of the torque, that acts: gain, cross-talk, alignment, 1.
     pub share: f64,

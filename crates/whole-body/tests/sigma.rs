@@ -257,7 +257,7 @@ fn sigma_is_the_spread_of_many_random_draws() {
     assert!(monte_carlo(0..100, 100_000) < 0.02);
 }
 
-/// What lasts of an F/T sensor's errors: each axis errs by its offset, and by a share of the whole force or torque.
+/// Lasting errors of an F/T sensor: each axis errs by its offset, and by a share of the whole force or torque.
 #[test]
 fn lasting_errors_are_those_of_the_readings() {
     let lasting = LastingErrors {

@@ -25,7 +25,7 @@ const READY: u16 = 0x231;
 const ON: u16 = 0x233;
 const ENABLED: u16 = 0x237;
 
-/// What the drive follows.
+/// Target that the drive follows.
 #[derive(Clone, Copy)]
 pub enum Target {
     /// rad.

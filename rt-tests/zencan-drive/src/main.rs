@@ -124,7 +124,7 @@ fn hexadecimal(data: &[u8]) -> String {
 }
 
 impl Drive {
-    /// What the application does before the stack has the frame: samples are those of SYNC.
+    /// Work of the application before the stack has the frame: samples are those of SYNC.
     fn hear(&mut self, frame: &CanMessage) {
         if frame.id() == CanId::std(MASTER) {
             self.heard = Some(Instant::now());

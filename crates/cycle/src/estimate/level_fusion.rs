@@ -23,8 +23,8 @@ use robot_state::{TorqueEstimate, torque_flags};
 /// Time over which the levels' difference is averaged that is judged, s: as long as the level of the torque that is fed
 /// back.
 const LEVEL_TIME: f64 = 0.5;
-/// The same of what corrects the torque, s: longer than the noise of encoders lasts. With 0.5 s the humanoid's fused
-/// torque has 0.931 times the error of that from encoders instead of 0.904 (benches/fusion).
+/// Time over which the correction of the torque is averaged, s: longer than encoders' noise. With 0.5 s the humanoid's
+/// fused torque has 0.931 times the error of that from encoders instead of 0.904 (benches/fusion).
 const AVERAGING_TIME: f64 = 0.05;
 /// Standard deviations of the difference by which the sources contradict each other.
 const APART: f64 = 3.0;
@@ -102,7 +102,7 @@ impl LevelFusion {
         let [known, lasting] = levels.delayed_sigma.map(|sigma| sigma * sigma);
         let delayed = known + lasting;
         let own = (fast - past).max(LEAST_OWN * fast);
-        // What the delayed source has shown of the past errs as that source does, and counts no second time.
+        // Knowledge of the past by the delayed source errs as that source does, and counts no second time.
         let apart = own + (past - own - delayed).max(0.0);
         let chi = *difference * *difference / (fast + delayed);
         //= T Level: w = s_e^2 / (s_e^2 + s_l^2)

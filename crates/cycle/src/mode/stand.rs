@@ -35,7 +35,7 @@ const STIFFNESS: f64 = 0.1;
 /// Time constant with which a level is followed and left, s: a torque does not step. Chosen; no experiment recorded.
 const LEVEL_S: f64 = 0.05;
 
-/// What is added to a joint's torque by torsion, N·m.
+/// Offset that is added to a joint's torque by torsion, N·m.
 #[derive(Debug, Clone, Copy)]
 struct Level {
     /// When the mode began, and the torque by torsion then.

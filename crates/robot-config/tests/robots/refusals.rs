@@ -224,7 +224,7 @@ fn a_reference_may_be_as_old_as_two_periods_to_a_second() {
     }
 }
 
-/// What lasts of an F/T sensor's errors: in the units of the keys, by default from a sample's noise.
+/// Lasting errors of an F/T sensor: in the units of the keys, by default from a sample's noise.
 #[test]
 fn errors_of_ft_sensors_that_last_are_read_and_refused() {
     let sensor = "name = \"ankle\"\n";

@@ -39,7 +39,7 @@ fn level(errors: [f64; 2], fast_sigma: f64, lasting: f64) -> TorqueEstimate {
 /// draws whose difference stays within so many standard deviations.
 fn drawn([fast_sigma, lasting]: [f64; 2], within: f64) -> [f64; 4] {
     let mut random = Random::new(3);
-    // What is published of encoders covers a little more than their error.
+    // The published sigma of encoders covers a little more than their error.
     let published = fast_sigma / OF_FAST_SIGMA;
     let (mut squares, mut draws) = ([0.0; 4], 0.0);
     while draws < 4000.0 {

@@ -22,7 +22,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// What it is for.
+    /// Purpose of the object.
     #[must_use]
     pub fn meaning(&self) -> &'static str {
         match self {
@@ -61,7 +61,7 @@ pub struct Check {
 pub struct Write {
     /// The object.
     pub object: Object,
-    /// What it is for.
+    /// Purpose of the object.
     pub meaning: &'static str,
     /// Little endian.
     pub value: Vec<u8>,

@@ -19,7 +19,7 @@ pub struct Reading {
 pub struct Change {
     /// The object.
     pub object: Object,
-    /// What it is for.
+    /// Purpose of the object.
     pub meaning: &'static str,
     /// Its value before, if it was read.
     pub old: Option<u32>,

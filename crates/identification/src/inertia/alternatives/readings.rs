@@ -14,7 +14,7 @@ const ZEROS: [f64; 6] = [-0.52, -0.35, -0.17, 0.17, 0.35, 0.52];
 /// Bounds of soft saturation, as multiples of the largest torque.
 const BOUNDS: [f64; 4] = [1.01, 1.04, 1.1, 1.3];
 
-/// What the torques and angles of a log are taken for.
+/// Another meaning of a log's torques and angles.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Reading {
     Angle(usize, f64, f64),
