@@ -162,6 +162,12 @@ impl Support {
         (foot.bears && foot.stands_s >= UP_LEAST_S).then_some(foot.up)
     }
 
+    /// For how long an end-effector has stood on the ground, of at most 10 s, s.
+    #[must_use]
+    pub fn stands_for(&self, sensor: usize) -> f64 {
+        self.feet.get(sensor).map_or(0.0, |foot| foot.stands_s)
+    }
+
     /// The wrenches of the ground, at the sensors' frames, with which the joints at `q` (newest angles, model order,
     /// rad) have the accelerations `ddq_d` while the feet stand still. Zero for end-effectors that bear nothing.
     pub fn wrenches(&mut self, q: &[f64], ddq_d: &[f64]) -> &[Wrench; MAX_FT_SENSORS] {

@@ -119,6 +119,8 @@ pub(crate) enum Unfit {
     FtSensors(u64),
     /// The feet do not hold the robot's centre of mass.
     Balance,
+    /// The ground turns under feet that stand still, as the first IMU shows it.
+    Imu,
 }
 
 impl Unfit {
@@ -130,6 +132,7 @@ impl Unfit {
                 counts.add(Event::ReferenceRejected);
                 return;
             }
+            Self::Imu => (1, Subject::Imu),
         };
         for index in (0..64).filter(|index| bits >> index & 1 == 1) {
             counts.add_of(Event::ReferenceRejected, subject(index));

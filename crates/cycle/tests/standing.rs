@@ -3,7 +3,8 @@
 use crate::common;
 
 use common::motion::Motion;
-use common::{Bench, client_input, read, spoil_ft};
+use common::{Bench, client_input, read, spoil_ft, spoil_source};
+use robot_config::slots::Source;
 use robot_state::{Event, Mode};
 use test_support::Random;
 
@@ -186,6 +187,30 @@ fn no_leg_moves_by_an_ft_sensor_that_errs() {
     }
     assert_eq!(bench.cycle.record().mode, Mode::Stand.number());
     motion.unwrap().assert_small("F/T sensor errs");
+}
+
+/// Feet stand still: up that turns under both of them is the IMU's, and no leg follows it.
+#[test]
+fn no_leg_moves_by_an_accelerometer_that_errs() {
+    let mut bench = standing([0.0, 0.0], 2);
+    bench.run(1000);
+    let mut reference = bench.reference(Mode::Stand.number(), 1);
+    let mut motion = None;
+    for cycle in 0..5000 {
+        bench.gather();
+        if cycle >= 2500 {
+            spoil_source(&mut bench, Source::Imu(0), |axes| axes[4] += 1.0);
+            motion
+                .get_or_insert_with(|| Motion::of(&bench))
+                .take(&bench);
+        }
+        reference.sequence += 1;
+        bench.compute(&client_input(&reference));
+    }
+    let record = bench.cycle.record();
+    assert_eq!(record.mode, Mode::Hold.number());
+    assert_eq!(record.commander.cause, Event::ReferenceRejected.number());
+    motion.unwrap().assert_small("accelerometer errs");
 }
 
 /// The standing humanoid in mode stand, until the mode ends or for so many cycles; the cycles.

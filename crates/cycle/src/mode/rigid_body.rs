@@ -93,6 +93,11 @@ impl RigidBody {
         self.support.ground_under(sensor)
     }
 
+    /// For how long the end-effector beyond an F/T sensor has stood, s.
+    pub(crate) fn stands_for(&self, sensor: usize) -> f64 {
+        self.support.stands_for(sensor)
+    }
+
     /// Takes what is measured in this cycle, whatever the mode.
     pub(crate) fn observe(&mut self, seen: &Seen<'_>) {
         for (&place, joint) in self.model_index.iter().zip(&seen.measured.joints) {

@@ -6,7 +6,8 @@ pub(crate) mod motion;
 use can_codec::{Frame, Frames, MAX_FRAMES};
 use cycle::{ClientInput, Cycle, Instants, OperatorRequest, Stamp};
 use plant::{CanRobot, SimParameters};
-use robot_config::{Robot, slots};
+use robot_config::Robot;
+use robot_config::slots::{self, Source};
 use robot_state::{CycleRecord, JointReference, Mode, Reference, TrajectoryPiece};
 use std::io;
 use std::sync::Mutex;
@@ -289,22 +290,32 @@ pub(crate) fn spoil(bench: &mut Bench, joint: usize, change: impl Fn(&mut [f64])
 
 /// Changes the first F/T sensor's signals in the answers of this cycle.
 pub(crate) fn spoil_ft(bench: &mut Bench, change: impl Fn(&mut [f64; 6])) {
+    spoil_source(bench, Source::Ft(0), change);
+}
+
+/// Changes the six signals of an F/T sensor or an IMU in the answers of this cycle.
+pub(crate) fn spoil_source(bench: &mut Bench, source: Source, change: impl Fn(&mut [f64; 6])) {
+    let first = match source {
+        Source::Ft(sensor) => slots::ft(sensor, 0),
+        Source::Imu(imu) => slots::gyro(imu, 0),
+        _ => panic!("{source:?} is neither"),
+    };
     let table = &bench.robot.receive;
     let mut values = vec![0.0; slots::receive_len(&bench.robot.parameters)];
-    let is_ft = |slot| slots::source(slot) == slots::Source::Ft(0);
     let mut frames: Vec<_> = bench.rx.iter().copied().collect();
     for frame in &frames {
         table.decode(frame, &mut values).unwrap();
     }
-    let mut axes = std::array::from_fn(|axis| values[slots::ft(0, axis)]);
+    let mut axes = std::array::from_fn(|axis| values[first + axis]);
     change(&mut axes);
-    for (axis, x) in axes.into_iter().enumerate() {
-        values[slots::ft(0, axis)] = x;
-    }
+    values[first..first + 6].copy_from_slice(&axes);
     bench.rx.clear();
     for frame in &mut frames {
         let message = table.classify(frame).unwrap();
-        if table.slots(message).any(is_ft) {
+        if table
+            .slots(message)
+            .any(|slot| slots::source(slot) == source)
+        {
             let stamp_ns = frame.stamp_ns;
             assert!(table.encode(message, &values, frame));
             frame.stamp_ns = stamp_ns;
