@@ -39,7 +39,8 @@ const LEVEL_S: f64 = 0.05;
 /// Chosen; no experiment recorded.
 const KNOWN_S: f64 = 1.0;
 /// Turn of up in the axes of every foot since it was taken at which the mode ends, rad: the IMU errs, or the ground tilts.
-/// Chosen: 1 degree, the bound of what a fault may move. Pushed by 60 N the simulated humanoid shows less than a tenth.
+/// Chosen: 1 degree, the bound of what a fault may move. Pushes of 60 N turn it by less than 0.6 degrees in two worlds
+/// (docs/results/standing.md).
 const TILTED: f64 = core::f64::consts::PI / 180.0;
 
 /// Offset that is added to a joint's torque by torsion, N·m.
