@@ -1,26 +1,15 @@
 //! `torquectl excite`: planned motions that show a robot's constants, checked as a whole before the
 //! first of them, and recorded.
 //!
-//! For other commands: [`prepare`] plans and checks, [`run`] moves the robot.
+//! The motions themselves and their checks are those of the crate excitation.
 
-mod checks;
-mod hulls;
-mod jet;
-mod motion;
-mod multisine;
-mod plan;
 mod report;
-mod rigid;
 
 use crate::motion::{Target, bar, by_joint, catch_signals, target};
 use crate::output::{finish_or_refuse, read_input};
 use crate::record::Recording;
 use crate::requests::{Failure, PATIENCE, connect, end};
-use checks::Needs;
-use hulls::Hulls;
-use motion::{Motion, SPACING_S};
-pub(crate) use plan::{Constant, Kind, Part};
-use plan::{PlanFile, SelfDistance};
+use excitation::{Part, PlanFile, Prepared, SPACING_S, SelfCheck, supposed};
 use problem::{Problem, Problems};
 pub(crate) use report::{figure, text};
 use robot_config::Robot;
@@ -83,26 +72,6 @@ pub(crate) struct ExciteArguments {
     json: bool,
 }
 
-/// A plan that the robot may follow.
-pub(crate) struct Prepared {
-    /// The robot's configuration.
-    pub(crate) robot: Robot,
-    /// Where the motion begins, rad or m, in config order.
-    pub(crate) pose: Vec<f64>,
-    /// The motion.
-    pub(crate) motion: Motion,
-    /// Its needs.
-    pub(crate) needs: Needs,
-}
-
-/// Whether and how the robot's distance to itself is checked.
-pub(crate) enum SelfCheck<'a> {
-    /// By the URDF's collision geometry, or radii that the plan gives.
-    Done(Option<&'a SelfDistance>),
-    /// Not at all.
-    LeftOut,
-}
-
 pub(crate) fn run(arguments: &ExciteArguments) -> ExitCode {
     if arguments.dry_run {
         finish_or_refuse(dry_run(arguments))
@@ -114,36 +83,15 @@ pub(crate) fn run(arguments: &ExciteArguments) -> ExitCode {
     }
 }
 
-/// Plans parts about `pose` (rad, config order) and checks them, with the way from `here` to it.
+/// The text of the robot's URDF, where its collision geometry is asked for.
 ///
 /// # Errors
-/// Every reason for which the robot must not follow the plan.
-pub(crate) fn prepare(
-    robot: Robot,
-    parts: &[Part],
-    here: &[f64],
-    pose: Vec<f64>,
-    self_check: &SelfCheck<'_>,
-    progress: &mut dyn FnMut(&str),
-) -> Result<Prepared, Problems> {
-    let motion = motion::plan(&robot, parts, &pose, progress)?;
-    progress("checking");
-    let hulls = match self_check {
-        SelfCheck::LeftOut => None,
-        SelfCheck::Done(given) => {
-            let urdf = read_input(Path::new(&robot.parameters.urdf_path))?;
-            Some(Hulls::new(&robot, &urdf, *given)?)
-        }
-    };
-    let approach = motion::approach(&robot, here, &pose)?;
-    checks::check(&robot, &approach, hulls.as_ref())?;
-    let needs = checks::check(&robot, &motion, hulls.as_ref())?;
-    Ok(Prepared {
-        robot,
-        pose,
-        motion,
-        needs,
-    })
+/// It cannot be read.
+pub(crate) fn urdf_of(robot: &Robot, no_self_distance: bool) -> Result<Option<String>, Problem> {
+    if no_self_distance {
+        return Ok(None);
+    }
+    read_input(Path::new(&robot.parameters.urdf_path)).map(Some)
 }
 
 /// Moves the robot to the plan's pose and along the plan, recorded where `record` names a file and
@@ -259,14 +207,6 @@ fn start(plan: &PlanFile, robot: &Robot, here: &[f64]) -> Vec<f64> {
     place.collect()
 }
 
-fn self_check<'a>(arguments: &ExciteArguments, plan: &'a PlanFile) -> SelfCheck<'a> {
-    if arguments.no_self_distance {
-        SelfCheck::LeftOut
-    } else {
-        SelfCheck::Done(plan.self_distance.as_ref())
-    }
-}
-
 fn prepared(
     arguments: &ExciteArguments,
     plan: &PlanFile,
@@ -279,9 +219,16 @@ fn prepared(
         .map(|part| part.get_ref().clone())
         .collect();
     let pose = start(plan, &robot, here);
-    let check = self_check(arguments, plan);
+    let urdf = urdf_of(&robot, arguments.no_self_distance)?;
+    let check = match &urdf {
+        Some(urdf) => SelfCheck::Done {
+            urdf,
+            given: plan.self_distance.as_ref(),
+        },
+        None => SelfCheck::LeftOut,
+    };
     let bar = crate::motion::spinner();
-    let prepared = prepare(robot, &parts, here, pose, &check, &mut |text| {
+    let prepared = excitation::prepare(robot, &parts, here, pose, check, &mut |text| {
         bar.set_message(text.to_owned());
     });
     bar.finish_and_clear();
@@ -290,18 +237,6 @@ fn prepared(
         figure(&prepared).write(path)?;
     }
     Ok(prepared)
-}
-
-/// Where the joints of a robot that is not asked are taken to be, rad: where `from` says, or the pose of
-/// the motion, or 0, or the nearest limit.
-pub(crate) fn supposed(robot: &Robot, from: &[Option<f64>], pose: &[Option<f64>]) -> Vec<f64> {
-    let joints = robot.parameters.joints.iter().zip(from.iter().zip(pose));
-    let place = joints.map(|(joint, (from, pose))| {
-        let limits = &joint.limits;
-        let nearest = 0.0f64.clamp(limits.position_min, limits.position_max);
-        from.or(*pose).unwrap_or(nearest)
-    });
-    place.collect()
 }
 
 /// The running robot of a configuration, and where its joints are, rad. `file` is named where another

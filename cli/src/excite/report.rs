@@ -1,10 +1,8 @@
 //! Needs of a plan, as text, JSON and picture.
 
-use super::Prepared;
-use super::motion::SPACING_S;
-use super::rigid::Rigid;
 use crate::units::{cell, keys};
 use charts::{COLOURS, Figure, Line, Panel};
+use excitation::{Need, Prepared, SPACING_S};
 use serde_json::json;
 use std::fmt::Write as _;
 use terminal::TextTable;
@@ -30,7 +28,7 @@ pub(crate) fn text(
 fn as_value(prepared: &Prepared, followed: Option<(bool, Option<&str>)>) -> serde_json::Value {
     let joints = &prepared.robot.parameters.joints;
     let needs = &prepared.needs;
-    let joint = |(joint, need): (&robot_config::JointParameters, &super::checks::Need)| {
+    let joint = |(joint, need): (&robot_config::JointParameters, &Need)| {
         let object = json!({
             "joint": joint.name,
             "least_rad": need.least, "most_rad": need.most,
@@ -171,13 +169,9 @@ pub(crate) fn figure(prepared: &Prepared) -> Figure {
         .filter(|&j| prepared.needs.joints[j].velocity > 0.0)
         .collect();
     let step = (motion.len() / POINTS).max(1);
-    let mut rigid = Rigid::new(&prepared.robot);
     let mut curves = vec![vec![Vec::new(); moving.len()]; 3];
-    for index in (0..motion.len()).step_by(step) {
+    prepared.each_torque(step, |t, index, torques| {
         let point = motion.point(index);
-        rigid.set(point);
-        let torques = rigid.torques();
-        let t = index as f64 * SPACING_S;
         for (k, &j) in moving.iter().enumerate() {
             let at = point[j];
             let kind = joints[j].kind;
@@ -186,7 +180,7 @@ pub(crate) fn figure(prepared: &Prepared) -> Figure {
                 curve[k].push((t, value));
             }
         }
-    }
+    });
     let captions = ["position, degrees", "velocity, degrees/s", "torque, N·m"].map(|caption| {
         let kinds = moving.iter().map(|&j| joints[j].kind);
         let prismatic = kinds

@@ -1,10 +1,10 @@
 //! The motion from which a drive is identified: planned, checked, and followed through the daemon.
 
 use super::DriveArguments;
-use crate::excite::{Constant, Kind, Part, Prepared, SelfCheck};
-use crate::excite::{figure, follow, prepare, running, supposed, text};
+use crate::excite::{figure, follow, running, text, urdf_of};
 use crate::motion::{by_joint, catch_signals, spinner};
 use crate::requests::Failure;
+use excitation::{Constant, Kind, Part, Prepared, SelfCheck, supposed};
 use identification::drive::chirp::Chirp;
 use problem::{Problem, Problems, listed};
 use robot_config::{JointParameters, Robot};
@@ -122,13 +122,15 @@ fn attempt(
     if given[index].is_none() {
         pose[index] = inward(joint, pose[index], &parts)?;
     }
-    let self_check = if arguments.no_self_distance {
-        SelfCheck::LeftOut
-    } else {
-        SelfCheck::Done(None)
-    };
+    let urdf = urdf_of(&robot, arguments.no_self_distance)?;
+    let self_check = urdf
+        .as_deref()
+        .map_or(SelfCheck::LeftOut, |urdf| SelfCheck::Done {
+            urdf,
+            given: None,
+        });
     let bar = spinner();
-    let prepared = prepare(robot, &parts, here, pose, &self_check, &mut |text| {
+    let prepared = excitation::prepare(robot, &parts, here, pose, self_check, &mut |text| {
         bar.set_message(text.to_owned());
     });
     bar.finish_and_clear();

@@ -6,9 +6,9 @@
 //! are not compared, nor are bodies two joints apart that touch where the motion begins; joints in
 //! one place, as those of a hip, count as one. Others that are close there may come no closer.
 
-use super::motion::{Motion, SPACING_S};
-use super::plan::SelfDistance;
-use super::rigid::Rigid;
+use crate::motion::{Motion, SPACING_S};
+use crate::plan::SelfDistance;
+use crate::rigid::Rigid;
 use dynamics::{Model, Se3};
 use nalgebra::{Rotation3, Vector3};
 use problem::Problem;
@@ -29,14 +29,15 @@ const THICK: f64 = 0.04;
 
 /// The self-distance of a motion.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Distance {
-    /// Least distance, m, and what is allowed there: less for bodies that were closer at the start.
-    pub(crate) least_m: f64,
-    pub(crate) allowed_m: f64,
+pub struct Distance {
+    /// Least distance, m.
+    pub least_m: f64,
+    /// What is allowed there, m: less for bodies that were closer at the start.
+    pub allowed_m: f64,
     /// Between these bodies.
-    pub(crate) between: (String, String),
+    pub between: (String, String),
     /// At this time, s.
-    pub(crate) time_s: f64,
+    pub time_s: f64,
 }
 
 /// The points of a body within `radius` of a line from `a` to `b`, in the body's frame, m.
@@ -97,7 +98,7 @@ impl Hulls {
     }
 
     /// The least distance of a motion over what is allowed, and the bodies that were not compared.
-    pub(super) fn least(
+    pub(crate) fn least(
         &self,
         rigid: &mut Rigid<'_>,
         motion: &Motion,
@@ -329,7 +330,7 @@ fn numbers(text: &str) -> Option<Vector3<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use super::distance;
+    use crate::distance;
     use nalgebra::Vector3;
     use test_support::Random;
 

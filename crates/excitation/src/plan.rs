@@ -2,45 +2,45 @@
 
 use problem::{Problem, Problems, line_at, listed};
 use robot_config::Robot;
+use robot_state::JointKind;
 use serde::Deserialize;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use toml::Spanned;
-use torqued_client::robot_state::JointKind;
 
 /// Positions by joint, in degrees, of prismatic joints in mm.
-pub(crate) type Angles = BTreeMap<String, f64>;
+pub type Angles = BTreeMap<String, f64>;
 
 /// A plan as written.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct PlanFile {
+pub struct PlanFile {
     /// The robot's configuration, relative to the plan.
-    pub(crate) config: String,
+    pub config: String,
     /// Where joints are before, between and after the parts; others stay.
     #[serde(default)]
-    pub(crate) pose: Angles,
+    pub pose: Angles,
     /// Hulls for the self-distance, where the URDF has none.
     #[serde(default)]
-    pub(crate) self_distance: Option<SelfDistance>,
+    pub self_distance: Option<SelfDistance>,
     /// The parts, one after the other.
     #[serde(default, rename = "part")]
-    pub(crate) parts: Vec<Spanned<Part>>,
+    pub parts: Vec<Spanned<Part>>,
 }
 
 /// Hulls for the self-distance.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct SelfDistance {
+pub struct SelfDistance {
     /// Radius of the capsules from joint to joint, for a robot whose URDF has no collision geometry, m.
     #[serde(default)]
-    pub(crate) radius_m: Option<f64>,
+    pub radius_m: Option<f64>,
     /// The same for the bodies beyond single joints, m.
     #[serde(default)]
-    pub(crate) radii_m: BTreeMap<String, f64>,
+    pub radii_m: BTreeMap<String, f64>,
     /// Least distance, m.
     #[serde(default = "clearance")]
-    pub(crate) least_m: f64,
+    pub least_m: f64,
 }
 
 fn clearance() -> f64 {
@@ -50,7 +50,7 @@ fn clearance() -> f64 {
 /// Kind of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Kind {
+pub enum Kind {
     /// Both ways at one slow speed.
     Sweep,
     /// A sinusoid that grows from nothing (D 3.4.2).
@@ -66,7 +66,7 @@ pub(crate) enum Kind {
 /// Quantity that stays the same as a chirp's frequency rises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Constant {
+pub enum Constant {
     /// The amplitude of the position.
     Position,
     /// That of the velocity.
@@ -79,68 +79,93 @@ pub(crate) enum Constant {
 /// One part of a plan: what its kind needs.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Part {
-    pub(crate) kind: Kind,
+pub struct Part {
+    /// What it is.
+    pub kind: Kind,
     /// A name for reports.
     #[serde(default)]
-    pub(crate) name: Option<String>,
+    pub name: Option<String>,
+    /// The joints that it moves.
     #[serde(default)]
-    pub(crate) joints: Vec<String>,
+    pub joints: Vec<String>,
     /// All joints at the same time, not one after the other.
     #[serde(default)]
-    pub(crate) together: bool,
+    pub together: bool,
     /// Where joints are during this part, beside the plan's pose.
     #[serde(default)]
-    pub(crate) pose: Angles,
+    pub pose: Angles,
+    /// Lower end of a sweep, degrees.
     #[serde(default)]
-    pub(crate) from_deg: Option<f64>,
+    pub from_deg: Option<f64>,
+    /// Upper end of a sweep, degrees.
     #[serde(default)]
-    pub(crate) to_deg: Option<f64>,
+    pub to_deg: Option<f64>,
+    /// Lower end of a sweep of a prismatic joint, mm.
     #[serde(default)]
-    pub(crate) from_mm: Option<f64>,
+    pub from_mm: Option<f64>,
+    /// Upper end of a sweep of a prismatic joint, mm.
     #[serde(default)]
-    pub(crate) to_mm: Option<f64>,
+    pub to_mm: Option<f64>,
+    /// Speed of a sweep, degrees/s.
     #[serde(default)]
-    pub(crate) speed_deg_per_s: Option<f64>,
+    pub speed_deg_per_s: Option<f64>,
+    /// Speed of a sweep of a prismatic joint, mm/s.
     #[serde(default)]
-    pub(crate) speed_mm_per_s: Option<f64>,
+    pub speed_mm_per_s: Option<f64>,
+    /// Number of sweeps each way.
     #[serde(default)]
-    pub(crate) times: Option<u32>,
+    pub times: Option<u32>,
+    /// Greatest amplitude of a sine or chirp, degrees.
     #[serde(default)]
-    pub(crate) amplitude_deg: Option<f64>,
+    pub amplitude_deg: Option<f64>,
+    /// Greatest amplitude of a sine or chirp of a prismatic joint, mm.
     #[serde(default)]
-    pub(crate) amplitude_mm: Option<f64>,
+    pub amplitude_mm: Option<f64>,
+    /// Frequency of a sine, or the lowest one of a multisine, Hz.
     #[serde(default)]
-    pub(crate) frequency_hz: Option<f64>,
+    pub frequency_hz: Option<f64>,
+    /// Frequency with which a chirp begins, Hz.
     #[serde(default)]
-    pub(crate) from_hz: Option<f64>,
+    pub from_hz: Option<f64>,
+    /// Frequency with which a chirp ends, Hz.
     #[serde(default)]
-    pub(crate) to_hz: Option<f64>,
+    pub to_hz: Option<f64>,
+    /// Duration of a sine, chirp or multisine, s.
     #[serde(default)]
-    pub(crate) duration_s: Option<f64>,
+    pub duration_s: Option<f64>,
+    /// Quantity that stays the same in a chirp.
     #[serde(default)]
-    pub(crate) constant: Option<Constant>,
+    pub constant: Option<Constant>,
+    /// Number of sinusoids of each joint of a multisine.
     #[serde(default)]
-    pub(crate) harmonics: Option<u32>,
+    pub harmonics: Option<u32>,
+    /// Seed of a multisine's signals.
     #[serde(default)]
-    pub(crate) seed: Option<u64>,
+    pub seed: Option<u64>,
+    /// Number of signals among which a multisine is chosen.
     #[serde(default)]
-    pub(crate) tries: Option<u32>,
+    pub tries: Option<u32>,
+    /// Share of the position range that a multisine may use, %.
     #[serde(default)]
-    pub(crate) position_per_cent: Option<f64>,
+    pub position_per_cent: Option<f64>,
+    /// Share of the velocity limit that a multisine may use, %.
     #[serde(default)]
-    pub(crate) velocity_per_cent: Option<f64>,
+    pub velocity_per_cent: Option<f64>,
+    /// Share of the torque limit that a multisine may use, %.
     #[serde(default)]
-    pub(crate) torque_per_cent: Option<f64>,
+    pub torque_per_cent: Option<f64>,
+    /// Poses at rest, one after the other.
     #[serde(default)]
-    pub(crate) poses: Vec<Angles>,
+    pub poses: Vec<Angles>,
+    /// Time at rest in each pose, s.
     #[serde(default)]
-    pub(crate) hold_s: Option<f64>,
+    pub hold_s: Option<f64>,
 }
 
 impl Part {
     /// A part without any number yet.
-    pub(crate) fn of(kind: Kind, joints: Vec<String>) -> Self {
+    #[must_use]
+    pub fn of(kind: Kind, joints: Vec<String>) -> Self {
         Self {
             kind,
             name: None,
@@ -173,7 +198,7 @@ impl Part {
     }
 
     /// Its name, or its kind.
-    pub(crate) fn title(&self) -> String {
+    pub fn title(&self) -> String {
         let kind = match self.kind {
             Kind::Sweep => "sweep",
             Kind::GrowingSine => "growing_sine",
@@ -185,27 +210,27 @@ impl Part {
     }
 
     /// The lower end of a sweep of joints of this kind, rad or m.
-    pub(crate) fn from(&self, kind: JointKind) -> Option<f64> {
+    pub fn from(&self, kind: JointKind) -> Option<f64> {
         si(kind, self.from_deg, self.from_mm)
     }
 
     /// The upper end of a sweep, rad or m.
-    pub(crate) fn to(&self, kind: JointKind) -> Option<f64> {
+    pub fn to(&self, kind: JointKind) -> Option<f64> {
         si(kind, self.to_deg, self.to_mm)
     }
 
     /// The speed of a sweep, rad/s or m/s.
-    pub(crate) fn speed(&self, kind: JointKind) -> Option<f64> {
+    pub fn speed(&self, kind: JointKind) -> Option<f64> {
         si(kind, self.speed_deg_per_s, self.speed_mm_per_s)
     }
 
     /// The amplitude of a sine or chirp, rad or m.
-    pub(crate) fn amplitude(&self, kind: JointKind) -> Option<f64> {
+    pub fn amplitude(&self, kind: JointKind) -> Option<f64> {
         si(kind, self.amplitude_deg, self.amplitude_mm)
     }
 
     /// This part with that amplitude, rad or m.
-    pub(crate) fn with_amplitude(self, kind: JointKind, amplitude: f64) -> Self {
+    pub fn with_amplitude(self, kind: JointKind, amplitude: f64) -> Self {
         let shown = Some(kind.shown(amplitude));
         match kind {
             JointKind::Revolute => Self {
@@ -402,7 +427,7 @@ impl PlanFile {
     ///
     /// # Errors
     /// A key or value that is not allowed, with file and line.
-    pub(crate) fn parse(text: &str, file: &str) -> Result<Self, Problem> {
+    pub fn parse(text: &str, file: &str) -> Result<Self, Problem> {
         toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |span| line_at(text, span.start));
             Problem::new(e.message(), "").at(file, line)
@@ -413,7 +438,7 @@ impl PlanFile {
     ///
     /// # Errors
     /// Every problem, with file and line.
-    pub(crate) fn check(&self, robot: &Robot, text: &str, file: &str) -> Result<(), Problems> {
+    pub fn check(&self, robot: &Robot, text: &str, file: &str) -> Result<(), Problems> {
         let joints = &robot.parameters.joints;
         let names: Vec<&str> = joints.iter().map(|joint| joint.name.as_str()).collect();
         let kinds: Vec<_> = (joints.iter())

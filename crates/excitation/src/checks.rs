@@ -1,14 +1,14 @@
 //! Whether a robot may follow a planned motion: every point against the joints' limits, the torque of
 //! inverse dynamics, the lead of the set-points, and the robot's own bodies.
 
-use super::hulls::{Distance, Hulls};
-use super::motion::{Motion, SPACING_S};
-use super::rigid::Rigid;
+use crate::hulls::{Distance, Hulls};
+use crate::motion::{Motion, SPACING_S};
+use crate::rigid::Rigid;
 use control::DriveModel;
 use problem::{Problem, Problems};
 use robot_config::{JointParameters, Robot};
+use robot_state::JointKind;
 use supervisor::Limits;
-use torqued_client::robot_state::JointKind;
 
 /// Greatest share of the limits of velocity, torque, power and lead that a plan may take: the rest is
 /// for the loop's feedback.
@@ -20,25 +20,32 @@ const LISTED: usize = 12;
 
 /// Greatest demands on a joint, as shares of its limits, and its range, rad or m.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Need {
-    pub(crate) least: f64,
-    pub(crate) most: f64,
-    pub(crate) velocity: f64,
-    pub(crate) acceleration: f64,
-    pub(crate) torque: f64,
-    pub(crate) lead: f64,
+pub struct Need {
+    /// Lower end of its range, rad or m.
+    pub least: f64,
+    /// Upper end of its range, rad or m.
+    pub most: f64,
+    /// Velocity, share of the limit.
+    pub velocity: f64,
+    /// Acceleration, share of the limit.
+    pub acceleration: f64,
+    /// Torque, share of the limit.
+    pub torque: f64,
+    /// Lead of the set-point, share of the limit.
+    pub lead: f64,
 }
 
 /// Needs of a motion.
 #[derive(Debug, Clone)]
-pub(crate) struct Needs {
-    pub(crate) joints: Vec<Need>,
+pub struct Needs {
+    /// Those of each joint, in config order.
+    pub joints: Vec<Need>,
     /// None: it was not checked.
-    pub(crate) distance: Option<Distance>,
+    pub distance: Option<Distance>,
     /// Pairs of bodies that were not compared, as they touch where the motion begins.
-    pub(crate) touching: Vec<(String, String)>,
+    pub touching: Vec<(String, String)>,
     /// Bodies whose distance was not checked, as they have no geometry.
-    pub(crate) without: Vec<String>,
+    pub without: Vec<String>,
 }
 
 /// Checks a motion; `hulls`: none leaves the self-distance out.

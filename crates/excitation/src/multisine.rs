@@ -4,9 +4,9 @@
 //! The search is a (1+1) evolution strategy with the 1/5 rule: deterministic for a seed. Whatever it
 //! tries is scaled to the shares of the joints' limits first.
 
-use super::jet::{Jet, window};
-use super::plan::Part;
-use super::rigid::Rigid;
+use crate::jet::{Jet, window};
+use crate::plan::Part;
+use crate::rigid::Rigid;
 use control::PlannedMotion;
 use dynamics::Random;
 use nalgebra::DMatrix;
@@ -30,20 +30,22 @@ const TORQUE: f64 = 70.0;
 
 /// Parameters chosen for a multisine.
 #[derive(Debug, Clone)]
-pub(crate) struct Choice {
-    pub(crate) title: String,
+pub struct Choice {
+    /// Its part.
+    pub title: String,
     /// Base parameters of the joints that move.
-    pub(crate) parameters: usize,
+    pub parameters: usize,
     /// Condition number of the first guess: random phases, all amplitudes alike.
-    pub(crate) before: f64,
+    pub before: f64,
     /// Condition number of what was chosen.
-    pub(crate) after: f64,
-    pub(crate) tries: u32,
+    pub after: f64,
+    /// Number of signals that were compared.
+    pub tries: u32,
 }
 
 /// The sinusoids of a group of joints.
 #[derive(Debug, Clone)]
-pub(super) struct Signals {
+pub(crate) struct Signals {
     joints: Vec<usize>,
     /// Sine and cosine of each harmonic, joint by joint.
     parts: Vec<f64>,
@@ -55,7 +57,7 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    pub(super) fn at(&self, t: f64, jets: &mut [Jet]) {
+    pub(crate) fn at(&self, t: f64, jets: &mut [Jet]) {
         let fade = FADE / self.base_hz;
         let fade = window(t, self.duration, (fade, fade));
         let parts = self.parts.chunks_exact(2 * self.harmonics);
@@ -76,17 +78,17 @@ impl Signals {
 }
 
 /// Result of [`choose`].
-pub(super) struct Found {
-    pub(super) signals: Signals,
-    pub(super) duration: f64,
-    pub(super) choice: Choice,
+pub(crate) struct Found {
+    pub(crate) signals: Signals,
+    pub(crate) duration: f64,
+    pub(crate) choice: Choice,
 }
 
 /// Chooses the sinusoids of a part's joints about `pose`, rad.
 ///
 /// # Errors
 /// No motion within the limits, e.g. as gravity alone takes more torque.
-pub(super) fn choose(
+pub(crate) fn choose(
     robot: &Robot,
     part: &Part,
     joints: &[usize],

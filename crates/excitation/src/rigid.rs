@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use robot_config::Robot;
 
 /// Model and state.
-pub(super) struct Rigid<'a> {
+pub(crate) struct Rigid<'a> {
     robot: &'a Robot,
     data: Data,
     q: Vec<f64>,
@@ -18,7 +18,7 @@ pub(super) struct Rigid<'a> {
 }
 
 impl<'a> Rigid<'a> {
-    pub(super) fn new(robot: &'a Robot) -> Self {
+    pub(crate) fn new(robot: &'a Robot) -> Self {
         let model = &robot.model;
         Self {
             robot,
@@ -30,12 +30,12 @@ impl<'a> Rigid<'a> {
         }
     }
 
-    pub(super) fn model(&self) -> &'a Model {
+    pub(crate) fn model(&self) -> &'a Model {
         &self.robot.model
     }
 
     /// Takes a point of all joints, in config order.
-    pub(super) fn set(&mut self, point: &[PlannedMotion]) {
+    pub(crate) fn set(&mut self, point: &[PlannedMotion]) {
         let (bv, bq) = self.robot.model.base_size();
         for (joint, point) in self.robot.parameters.joints.iter().zip(point) {
             let place = joint.model_index;
@@ -45,7 +45,7 @@ impl<'a> Rigid<'a> {
     }
 
     /// Torques that the gears carry, N·m, in config order.
-    pub(super) fn torques(&mut self) -> &[f64] {
+    pub(crate) fn torques(&mut self) -> &[f64] {
         let model = &self.robot.model;
         let bv = model.base_size().0;
         let tau = rnea(model, &mut self.data, &self.q, &self.v, &self.a, None);
@@ -56,30 +56,30 @@ impl<'a> Rigid<'a> {
     }
 
     /// Rotor inertia of a joint on the link side, kg·m².
-    pub(super) fn rotor(&self, joint: usize) -> f64 {
+    pub(crate) fn rotor(&self, joint: usize) -> f64 {
         let joint = &self.robot.parameters.joints[joint];
         joint.rotor_inertia * joint.encoders.gear_ratio.powi(2)
     }
 
-    pub(super) fn empty_regressor(&self) -> DMatrix<f64> {
+    pub(crate) fn empty_regressor(&self) -> DMatrix<f64> {
         let model = &self.robot.model;
         let first = usize::from(model.base() == Base::Fixed);
         let columns = PARAMETERS * (model.bodies().len() - first);
         DMatrix::zeros(model.nv(), columns)
     }
 
-    pub(super) fn regressor(&mut self, out: &mut DMatrix<f64>) {
+    pub(crate) fn regressor(&mut self, out: &mut DMatrix<f64>) {
         let model = &self.robot.model;
         joint_torque_regressor(model, &mut self.data, &self.q, &self.v, &self.a, out);
     }
 
     /// Row of a joint in the regressor.
-    pub(super) fn row(&self, joint: usize) -> usize {
+    pub(crate) fn row(&self, joint: usize) -> usize {
         self.robot.model.base_size().0 + self.robot.parameters.joints[joint].model_index
     }
 
     /// Places of all bodies.
-    pub(super) fn places(&mut self) -> &[Se3] {
+    pub(crate) fn places(&mut self) -> &[Se3] {
         forward_kinematics(&self.robot.model, &mut self.data, &self.q);
         self.data.placements()
     }

@@ -2,10 +2,10 @@
 
 /// A value with its first two derivatives in time.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Jet(pub(super) f64, pub(super) f64, pub(super) f64);
+pub(crate) struct Jet(pub(super) f64, pub(super) f64, pub(super) f64);
 
 impl Jet {
-    pub(super) fn times(self, o: Self) -> Self {
+    pub(crate) fn times(self, o: Self) -> Self {
         Self(
             self.0 * o.0,
             self.1 * o.0 + self.0 * o.1,
@@ -13,16 +13,16 @@ impl Jet {
         )
     }
 
-    pub(super) fn scaled(self, k: f64) -> Self {
+    pub(crate) fn scaled(self, k: f64) -> Self {
         Self(k * self.0, k * self.1, k * self.2)
     }
 
-    pub(super) fn sin(self) -> Self {
+    pub(crate) fn sin(self) -> Self {
         let (s, c) = self.0.sin_cos();
         Self(s, c * self.1, c * self.2 - s * self.1 * self.1)
     }
 
-    pub(super) fn exp(self) -> Self {
+    pub(crate) fn exp(self) -> Self {
         let e = self.0.exp();
         Self(e, e * self.1, e * (self.2 + self.1 * self.1))
     }
@@ -40,7 +40,7 @@ fn rise(t: f64, duration: f64) -> Jet {
 }
 
 /// 1, with rise and fall within `fades` at both ends of `duration`.
-pub(super) fn window(t: f64, duration: f64, fades: (f64, f64)) -> Jet {
+pub(crate) fn window(t: f64, duration: f64, fades: (f64, f64)) -> Jet {
     let fall = rise(duration - t, fades.1);
     rise(t, fades.0).times(Jet(fall.0, -fall.1, fall.2))
 }

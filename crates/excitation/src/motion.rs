@@ -1,17 +1,17 @@
 //! From the parts of a plan to the points of a trajectory: sampled, from rest to rest, continuous up
 //! to the acceleration.
 
-use super::jet::{Jet, window};
-use super::multisine::{self, Choice};
-use super::plan::{Angles, Constant, Kind, Part};
+use crate::jet::{Jet, window};
+use crate::multisine::{self, Choice};
+use crate::plan::{Angles, Constant, Kind, Part};
 use control::{MotionLimits, PlannedMotion, PointToPoint};
 use problem::Problem;
 use robot_config::Robot;
+use robot_state::JointKind;
 use std::f64::consts::TAU;
-use torqued_client::robot_state::JointKind;
 
 /// Time between two points, s: the loop interpolates between them.
-pub(crate) const SPACING_S: f64 = 0.004;
+pub const SPACING_S: f64 = 0.004;
 /// A sweep stays this far from the position limits where it names no ends, rad; of prismatic joints
 /// the way that counts as much.
 const MARGIN: f64 = 5.0 * std::f64::consts::PI / 180.0;
@@ -22,49 +22,49 @@ const LONGEST_S: f64 = 7200.0;
 
 /// A stretch of a trajectory.
 #[derive(Debug, Clone)]
-pub(crate) struct Span {
+pub struct Span {
     /// Part and joints.
-    pub(crate) title: String,
+    pub title: String,
     /// Its points.
-    pub(crate) points: std::ops::Range<usize>,
+    pub points: std::ops::Range<usize>,
 }
 
 /// A trajectory of all joints.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Motion {
+pub struct Motion {
     joints: usize,
     /// The points, one after the other, of all joints.
     points: Vec<PlannedMotion>,
     /// Its parts.
-    pub(crate) spans: Vec<Span>,
+    pub spans: Vec<Span>,
     /// Choices made for multisines.
-    pub(crate) choices: Vec<Choice>,
+    pub choices: Vec<Choice>,
 }
 
 impl Motion {
     /// Number of points.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.points.len() / self.joints.max(1)
     }
 
     /// From the first point to the last, s.
-    pub(crate) fn duration(&self) -> f64 {
+    pub fn duration(&self) -> f64 {
         self.len().saturating_sub(1) as f64 * SPACING_S
     }
 
     /// All joints at a point; the last one beyond the end.
-    pub(crate) fn point(&self, index: usize) -> &[PlannedMotion] {
+    pub fn point(&self, index: usize) -> &[PlannedMotion] {
         let index = index.min(self.len().saturating_sub(1)) * self.joints;
         self.points.get(index..index + self.joints).unwrap_or(&[])
     }
 
     /// All joints at the point nearest to a time.
-    pub(crate) fn at(&self, t: f64) -> &[PlannedMotion] {
+    pub fn at(&self, t: f64) -> &[PlannedMotion] {
         self.point((t / SPACING_S).round().max(0.0) as usize)
     }
 
     /// Action at a point.
-    pub(crate) fn title(&self, index: usize) -> &str {
+    pub fn title(&self, index: usize) -> &str {
         let span = self.spans.iter().find(|span| span.points.contains(&index));
         span.map_or("", |span| &span.title)
     }
