@@ -330,7 +330,7 @@ fn numbers(text: &str) -> Option<Vector3<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use crate::distance;
+    use super::distance;
     use nalgebra::Vector3;
     use test_support::Random;
 
