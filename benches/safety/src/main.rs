@@ -303,17 +303,22 @@ fn work_on_sound(
     let bar = progress(count);
     let outcomes = parallel(&jobs, threads, |((robot, start), i)| {
         let outcome = run_sound(robot, *start, arguments.seed.wrapping_mul(100_003) + i);
+        // Each at once: hours of runs may be cut off.
+        if let Ok(o) = outcome.as_ref()
+            && (o.fault != 0 || o.ended_by != 0)
+        {
+            bar.suspend(|| {
+                println!(
+                    "{}, {}, seed {}: after {:.1} s fault {}, event {}",
+                    o.robot, o.start, o.seed, o.seconds, o.fault, o.ended_by
+                );
+            });
+        }
         bar.inc(1);
         outcome.map_err(|e| e.to_string())
     });
     bar.finish_and_clear();
     let outcomes = outcomes.into_iter().collect::<Result<Vec<_>, _>>()?;
-    for o in outcomes.iter().filter(|o| o.fault != 0 || o.ended_by != 0) {
-        println!(
-            "{}, {}, seed {}: after {:.1} s fault {}, event {}",
-            o.robot, o.start, o.seed, o.seconds, o.fault, o.ended_by
-        );
-    }
     let seconds: f64 = outcomes.iter().map(|o| o.seconds).sum();
     let stops = outcomes.iter().filter(|o| o.fault != 0).count();
     let ends = outcomes.iter().filter(|o| o.fault == 0 && o.ended_by != 0);

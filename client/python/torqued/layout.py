@@ -210,7 +210,7 @@ EVENTS = (
     Event(214, "torque_drift", "The torque by torsion and that from F/T sensors and IMU drift apart at a joint that stands and that only a torque holds. An encoder or an F/T sensor drifts, or something presses slowly where no sensor measures it.", "-", "release"),
     Event(301, "reference_not_finite", "A client's reference contained NaN or infinity.", "-", "release"),
     Event(302, "reference_stale", "The commanding client stopped sending references.", "loop.reference_timeout_ms", "release"),
-    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints, let a joint go that bears a contact, or asked a robot to stand whose feet cannot hold it, or whose IMU shows the ground turning.", "-", "release"),
+    Event(303, "reference_rejected", "A client's reference had an unknown mode or the wrong number of joints, or let a joint go that bears a contact. Or a robot was to stand whose feet cannot hold it, or whose IMU shows the ground turning.", "-", "release"),
     Event(304, "reference_jump", "A client's desired position was far from the pose at its start, or moved faster than the joint may.", "joint.velocity_limit_rad_per_s", "release"),
     Event(305, "commander_refused", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.", "loop.reference_timeout_ms", "warn"),
     Event(306, "commander_replaced", "A client of higher priority took the command over.", "-", "release"),

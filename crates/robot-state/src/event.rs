@@ -207,7 +207,7 @@ events! {
     TorqueDrift = 214, "torque_drift", Release from Warn, "-", "The torque by torsion and that from F/T sensors and IMU drift apart at a joint that stands and that only a torque holds. An encoder or an F/T sensor drifts, or something presses slowly where no sensor measures it.";
     ReferenceNotFinite = 301, "reference_not_finite", Release, "-", "A client's reference contained NaN or infinity.";
     ReferenceStale = 302, "reference_stale", Release, "loop.reference_timeout_ms", "The commanding client stopped sending references.";
-    ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints, let a joint go that bears a contact, or asked a robot to stand whose feet cannot hold it, or whose IMU shows the ground turning.";
+    ReferenceRejected = 303, "reference_rejected", Release, "-", "A client's reference had an unknown mode or the wrong number of joints, or let a joint go that bears a contact. Or a robot was to stand whose feet cannot hold it, or whose IMU shows the ground turning.";
     ReferenceJump = 304, "reference_jump", Release, "joint.velocity_limit_rad_per_s", "A client's desired position was far from the pose at its start, or moved faster than the joint may.";
     CommanderRefused = 305, "commander_refused", Warn, "loop.reference_timeout_ms", "A client's reference was refused: another client has the command, or it came from an older session, out of order or too late.";
     CommanderReplaced = 306, "commander_replaced", Release, "-", "A client of higher priority took the command over.";
