@@ -47,6 +47,11 @@ impl Motion {
         self.points.len() / self.joints.max(1)
     }
 
+    /// True without points.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
     /// From the first point to the last, s.
     pub fn duration(&self) -> f64 {
         self.len().saturating_sub(1) as f64 * SPACING_S
