@@ -126,7 +126,7 @@ impl Row {
     }
 
     /// Refuses estimates that the log's reference contradicts.
-    fn contradiction(&self, log: &Path) -> Result<(), Problem> {
+    fn contradiction(&self, log: &Path, tared: u64) -> Result<(), Problem> {
         let ratio = (self.ratio_square / self.compared.max(1) as f64).sqrt();
         if ratio <= MAX_OVER_SIGMA {
             return Ok(());
@@ -137,8 +137,14 @@ impl Row {
             self.name,
             self.cause()
         );
+        // Sticking friction at a log's start looks like the current's zero.
+        let tare = if tared > 0 {
+            ", and a --tare over more rows, better with motion both ways: friction hides the current's zero in few"
+        } else {
+            ""
+        };
         let allowed = format!(
-            "at most {MAX_OVER_SIGMA}: a log of the joint that was fitted, with a sound reference; --accept prints the figures"
+            "at most {MAX_OVER_SIGMA}: a log of the joint that was fitted, with a sound reference{tare}; --accept prints the figures"
         );
         Err(Problem::new(reason, allowed).at(log.display().to_string(), 0))
     }
@@ -303,7 +309,7 @@ fn evaluate(arguments: &EstimateArguments) -> Result<String, Problems> {
     }
     parts.finish()?;
     if let Some(row) = rows.last().filter(|_| set.fuses() && !arguments.accept) {
-        row.contradiction(&arguments.log)?;
+        row.contradiction(&arguments.log, tared)?;
     }
     between.judge(&arguments.log, arguments.accept)?;
     if let Some(out) = out {

@@ -180,6 +180,18 @@ fn estimate_inspects(folder: &Path) {
         assert!(errors.contains(expected), "{expected}: {errors}");
         succeeds(folder, &format!("{ESTIMATE} --accept"));
     }
+    let run = fs::read_to_string(folder.join("run.csv")).unwrap();
+    let milli = run.lines().map(|line| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if let Ok(current) = cells[3].parse::<f64>() {
+            cells[3] = (1e3 * current).to_string();
+        }
+        cells.join(",") + "\n"
+    });
+    fs::write(folder.join("varied.csv"), milli.collect::<String>()).unwrap();
+    let errors = torquectl(folder, ESTIMATE).stderr;
+    let errors = String::from_utf8_lossy(&errors);
+    assert!(errors.contains("is `i` in mA?"), "{errors}");
     let mended: [(Change, &str); 2] = [
         (|[theta, ..]| *theta -= 3.0 * TAU, "`theta` is -3 turns off"),
         (

@@ -73,6 +73,15 @@ def late(q, tau, rng, joints):
     tau[:] = np.roll(tau, 30, axis=0)
 
 
+def early(q, tau, rng, joints):
+    tau[:] = np.roll(tau, -5, axis=0)
+
+
+def low_passed(q, tau, rng, joints):
+    for k in range(joints):
+        tau[:, k] = np.convolve(tau[:, k], np.ones(61) / 61, "same")
+
+
 CONTRADICTIONS = [
     wrapped,
     zeros,
@@ -85,6 +94,8 @@ CONTRADICTIONS = [
     reversed_torque,
     quarter_turn,
     late,
+    early,
+    low_passed,
 ]
 # Every arm with every contradiction takes minutes: `TORQUED_LONG=yes`. Else each contradiction once, on arms in turn.
 LONG = os.environ.get("TORQUED_LONG") == "yes"

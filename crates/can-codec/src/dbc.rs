@@ -2,6 +2,7 @@
 
 mod check;
 mod frame_format;
+mod types;
 
 use crate::frame::{EXTENDED_ID, Frame};
 use crate::packing::{Coding, Packing};

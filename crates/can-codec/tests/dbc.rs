@@ -230,7 +230,7 @@ fn frame_formats_count_in_the_files_own_enumeration() {
         let read = Dbc::parse(&text, "f.dbc").unwrap();
         assert_eq!(read.messages[0].fd, fd, "{kind} {default} {value}");
     }
-    for number in ["5", "-1", "\"7\""] {
+    for number in ["5", "-1", "\"7\"", "\"CAN-FD\""] {
         let error = Dbc::parse(&with(&canmatrix, standard, &value(number)), "f.dbc").unwrap_err();
         let text = error.to_string();
         assert!(
@@ -291,6 +291,8 @@ fn ranges_of_floats_need_their_type() {
         (32, '-', "0.001", "-1e20|1e20"),
         (32, '+', "1", "-1E+37|0"),
         (64, '-', "1", "-1.7e308|1.7e308"),
+        (32, '-', "1", "-12.566|12.566"),
+        (64, '+', "1", "0|0.5"),
     ] {
         let text = of(size, sign, scale, range);
         refused(
@@ -301,11 +303,44 @@ fn ranges_of_floats_need_their_type() {
         let number = if size == 32 { 1 } else { 2 };
         dbc(&format!("{text}\n\nSIG_VALTYPE_ 1 a : {number};"));
         dbc(&format!("{text}\n\nSIG_VALTYPE_ 1 a : 0;"));
+        // As the format's description has it, and no program writes it.
+        dbc(&format!("{text}\n\nSIG_VALTYPE_ 1 a {number};"));
     }
+    // Rounded, and the fraction of a scale.
+    dbc(&of(32, '+', "1", "0|42949672.95"));
+    dbc(&of(32, '-', "0.5", "-12.5|12.5"));
     // Too wide by a few powers of ten, as real files are, and sizes that no float has.
     dbc(&of(32, '-', "1e-07", "-100000|100000"));
     dbc(&of(16, '+', "1", "0|3.4e38"));
     dbc(&of(32, '+', "1", "0|0"));
+}
+
+#[test]
+fn a_type_that_names_no_signal_is_refused() {
+    let messages = "BO_ 1 M: 8 A\n SG_ a : 0|32@1- (1,0) [0|0] \"\" B\n SG_ b : 32|32@1- (1,0) [0|0] \"\" B\n\nBO_ 2 N: 8 A\n SG_ c : 0|32@1- (1,0) [0|0] \"\" B\n\n";
+    for (typed, said) in [
+        (
+            "1 aa : 1;",
+            "signal aa of message M, which has no such signal; allowed: a, b",
+        ),
+        (
+            "1 c : 1;",
+            "signal c of message M, which has no such signal; allowed: 2 for c, which is a signal of message N",
+        ),
+        (
+            "3 c 1;",
+            "signal c of a message with id 3 (0x3), which the file does not have; allowed: 2 for c, which is a signal of message N",
+        ),
+    ] {
+        refused(&format!("{messages}SIG_VALTYPE_ {typed}"), 7, &[said]);
+    }
+    // Of a message that was taken out with its signals.
+    dbc(&format!("{messages}SIG_VALTYPE_ 3 gone : 1;"));
+    refused(
+        &format!("{messages}SIG_VALTYPE_ 1 a : ;"),
+        7,
+        &["SIG_VALTYPE_ id name : 1;"],
+    );
 }
 
 #[test]

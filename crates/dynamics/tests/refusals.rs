@@ -222,6 +222,7 @@ fn odd_but_usable_input_is_a_warning() {
             "principal moments",
         ),
         (11, "", "no <limit>"),
+        (4, r#"<mass value="1200"/>"#, "1200 kg with moments"),
         (7, r#"<link name="b"/>"#, "moves no mass"),
         (
             5,

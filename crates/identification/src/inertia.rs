@@ -15,12 +15,14 @@ pub mod contradictions;
 pub mod equations;
 pub mod friction;
 pub mod gains;
+pub mod held;
 pub mod judge;
 pub mod mend;
 pub mod robot;
 pub mod rows;
 pub mod select;
 pub mod signals;
+pub mod timing;
 
 use base::{Base, BaseParameter};
 use consistent::Prior;
@@ -161,6 +163,15 @@ pub fn calibrate(
     if !prior.guessed && fitting.contradicts() && fitting.other.is_none() {
         refused.extend(gains::factors(robot, &candidates[middle], &friction));
     }
+    if fitting.other.is_none() {
+        refused.extend(timing::judge(
+            robot,
+            &candidates[middle],
+            &sampling,
+            &prior,
+            &friction,
+        ));
+    }
     if robot.accept {
         let accepted = refused.drain(..);
         notes.extend(accepted.map(|p| format!("accepted: {}", p.reason)));
@@ -186,7 +197,8 @@ pub fn calibrate(
     checks::explained(explained(&judged, &motion.moves)).map_err(placed)?;
     progress(0.9, "all blocks");
     let all: Vec<usize> = (0..BLOCKS).collect();
-    let fit = Fit::new(&mut candidates, middle, &all, &prior, &friction).ok_or_else(unsolved)?;
+    let mut fit =
+        Fit::new(&mut candidates, middle, &all, &prior, &friction).ok_or_else(unsolved)?;
     let rows = &candidates[fit.candidate];
     let grams = Grams::new(rows, &fit.weights);
     let normals = base::parts_of(&grams, BLOCKS, &fit.weights.sigma);
@@ -196,6 +208,14 @@ pub fn calibrate(
         .collect();
     let base_parameters = base.parameters(&prior, &solutions.ok_or_else(unsolved)?);
     let urdf_kept = urdf_better(&judged);
+    if !urdf_kept && !prior.guessed {
+        let normal = grams.normal(&all, &fit.weights.sigma);
+        let held = held::hold(robot, &prior, &normal, &fit.choice, &fit.consistent);
+        notes.extend(held.links.iter().map(|link| {
+            format!("link `{link}`: these logs do not determine its mass; the URDF's stays")
+        }));
+        fit.consistent = held.x;
+    }
     let solution = if urdf_kept {
         &fit.urdf
     } else {
@@ -231,13 +251,12 @@ pub fn calibrate(
         format!("link \"{link}\": no body can have the URDF's inertia: the prior is the nearest that one can")
     }));
     progress(1.0, "done");
-    let inertias: Vec<Inertia> = (0..robot.bodies)
-        .map(|b| consistent::inertia(&consistent::of_body(solution, b)))
-        .collect();
+    let inertias = held::inertias(robot, solution);
     let mut contradictions = if urdf_kept || prior.guessed {
         Vec::new()
     } else {
-        contradictions::links(robot, &inertias)
+        let far = contradictions::links(robot, &inertias);
+        far.into_iter().map(|(_, reason)| reason).collect()
     };
     let terms: Vec<JointFriction> = (0..robot.measured.len()).map(terms).collect();
     contradictions.extend(gains::driving(robot, &terms, &judged, &motion));

@@ -1,12 +1,12 @@
 //! One rule for the encoding of every text that is read, whoever wrote it.
 //!
-//! A byte-order mark decides (UTF-8, UTF-16). Without one a text is UTF-8 if it can be, and otherwise
-//! Windows-1252, which programs under Windows write (CANdb++ among them) and which holds Latin-1.
+//! A byte-order mark decides (UTF-8, UTF-16). Without one a text is UTF-16 where every other byte of its
+//! characters is 0, UTF-8 if it can be, and otherwise Windows-1252, which programs under Windows write (CANdb++ among them) and which holds Latin-1.
 
 use crate::{Problem, line_in};
 
 /// The encodings that [`text`] reads, for messages.
-pub const ENCODINGS: &str = "text in UTF-8, in UTF-16 with a byte-order mark or in Windows-1252";
+pub const ENCODINGS: &str = "text in UTF-8, UTF-16 or Windows-1252";
 
 /// Characters of Windows-1252 at bytes 0x80 to 0x9F; 0 where it has none. Others are those of Latin-1,
 /// whose bytes are their code points. Source: Unicode's table CP1252.TXT.
@@ -34,6 +34,9 @@ pub fn text(bytes: Vec<u8>, file: &str) -> Result<String, Problem> {
     };
     let body = bytes.get(from..).unwrap_or_default();
     if let Some(place) = body.iter().position(|byte| *byte == 0) {
+        if let Some(text) = unmarked_utf_16(body) {
+            return Ok(text);
+        }
         let reason = "is no text: it holds a byte 0";
         return Err(Problem::new(reason, ENCODINGS).at(file, line_in(body, place)));
     }
@@ -74,6 +77,16 @@ fn windows_1252(bytes: &[u8]) -> Option<String> {
     bytes.iter().map(character).collect()
 }
 
+/// UTF-16 without a mark: a text in it has no character 0, and most of its characters are ASCII.
+fn unmarked_utf_16(bytes: &[u8]) -> Option<String> {
+    let orders: [fn([u8; 2]) -> u16; 2] = [u16::from_le_bytes, u16::from_be_bytes];
+    orders.into_iter().find_map(|unit| {
+        let text = utf_16(bytes, "", unit).ok()?;
+        let ascii = text.chars().filter(char::is_ascii).count();
+        (2 * ascii > text.chars().count() && !text.contains('\0')).then_some(text)
+    })
+}
+
 fn utf_16(bytes: &[u8], file: &str, unit: fn([u8; 2]) -> u16) -> Result<String, Problem> {
     let pairs = bytes.chunks(2).map(|pair| match *pair {
         [a, b] => Some(unit([a, b])),
@@ -108,7 +121,7 @@ mod tests {
             "M\u{fc}ller \u{b0}C \u{20ac} \u{201c}x\u{201d}"
         );
         for mark in [[0xFF, 0xFE], [0xFE, 0xFF]] {
-            let units = "t;\u{b0}\u{1d70f}".encode_utf16();
+            let units = "t;q;\u{b0}\u{1d70f}".encode_utf16();
             let bytes = units.flat_map(|unit| {
                 if mark[0] == 0xFF {
                     unit.to_le_bytes()
@@ -117,7 +130,8 @@ mod tests {
                 }
             });
             let bytes: Vec<u8> = mark.into_iter().chain(bytes).collect();
-            assert_eq!(read(&bytes), "t;\u{b0}\u{1d70f}");
+            assert_eq!(read(&bytes), "t;q;\u{b0}\u{1d70f}");
+            assert_eq!(read(&bytes[2..]), "t;q;\u{b0}\u{1d70f}");
         }
         assert_eq!(read(b""), "");
     }

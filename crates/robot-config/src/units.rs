@@ -1,5 +1,6 @@
 //! Units of signals, as DBC files write them.
 
+use can_codec::Signal;
 use core::f64::consts::TAU;
 use problem::Problem;
 
@@ -30,10 +31,29 @@ pub(crate) enum Quantity {
 /// Standard gravity (CGPM 1901), m/s²: the unit `g`.
 const STANDARD_GRAVITY: f64 = 9.80665;
 
+/// Steps of a position that no drive has, rad or m.
+const COARSE: f64 = 0.1;
+
 impl Quantity {
     /// An angle or a way: its integers count on beyond their range.
     pub(crate) fn is_position(self) -> bool {
         matches!(self, Self::Angle { .. } | Self::Length { .. })
+    }
+
+    /// Refuses a position whose integers are whole radians or so, each `resolution` in SI: a float whose type is missing.
+    pub(crate) fn too_coarse(self, signal: &Signal, resolution: f64) -> Option<Problem> {
+        let (unit, scale) = (&signal.unit, signal.scale);
+        let fine = resolution < COARSE || matches!(unit.as_str(), "count" | "counts");
+        if fine || !signal.coding.is_integer() || !self.is_position() {
+            return None;
+        }
+        let reason = format!(
+            "signal {} is an integer of {} bits that counts in steps of {scale} {unit}",
+            signal.name, signal.size
+        );
+        let allowed =
+            "finer steps; for a float, its type in the DBC file (`SIG_VALTYPE_ id name : 1;`)";
+        Some(Problem::new(reason, allowed))
     }
 
     /// SI units per `unit`.

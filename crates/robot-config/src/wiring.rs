@@ -229,6 +229,10 @@ impl<'n, 't> Wiring<'n, 't> {
         }
         let resolution = (signal.scale * factor).abs();
         let counts = signal.coding.is_integer();
+        if let Some(problem) = how.quantity.too_coarse(signal, resolution) {
+            reject(problem);
+            return None;
+        }
         let signal_ends = [signal.min, signal.max];
         let wraps = counts && how.quantity.is_position();
         let map = SignalMap {

@@ -1,6 +1,6 @@
 //! From a DBC file's text to its messages, with every problem that is found on the way.
 
-use super::{Dbc, Message, Signal, frame_format, show_id};
+use super::{Dbc, Message, Signal, frame_format, show_id, types};
 use crate::frame::{EXTENDED_ID, MAX_DATA};
 use crate::line_index::{MessageLines, message_lines};
 use crate::packing::{Coding, Packing, covered_bits};
@@ -17,10 +17,6 @@ const FD_LENGTHS: [u64; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48
 /// Characters of a faulty line that a message shows.
 const MAX_SHOWN: usize = 60;
 
-/// Parts by which a range exceeds what an integer's bits can hold from which on it is a float's: real
-/// files have ranges that are some powers of ten too wide, a float's ends at 3.4e38.
-const FLOAT_RANGE: f64 = 1e6;
-
 /// Name that tools give to a collection of signals which belong to no message.
 const NO_MESSAGE: &str = "VECTOR__INDEPENDENT_SIG_MSG";
 
@@ -35,14 +31,15 @@ pub(super) fn read(text: &str, file: &str) -> Result<Dbc, Problems> {
         check.note(0, "the file is too long", "at most 16 MiB");
         return Err(check.into_problems());
     }
-    let parsed = match can_dbc::Dbc::try_from(text) {
+    let text = types::with_colons(text);
+    let parsed = match can_dbc::Dbc::try_from(&*text) {
         Ok(parsed) => parsed,
         Err(error) => {
-            check.syntax(&error, text);
+            check.syntax(&error, &text);
             return Err(check.into_problems());
         }
     };
-    let lines = message_lines(text);
+    let lines = message_lines(&text);
     let mut messages = Vec::new();
     for (i, message) in parsed.messages.iter().enumerate() {
         if message.name == NO_MESSAGE {
@@ -55,6 +52,9 @@ pub(super) fn read(text: &str, file: &str) -> Result<Dbc, Problems> {
         messages.push(check.message(&parsed, message, lines));
     }
     check.unique(&messages);
+    for (line, problem) in types::unmatched(&parsed, &text) {
+        check.problems.push(problem.at(file, line));
+    }
     if check.problems.is_empty() {
         Ok(Dbc {
             file: file.to_owned(),
@@ -121,11 +121,13 @@ impl Check<'_> {
             }
             _ => (0, "not a DBC file".to_owned()),
         };
-        self.note(
-            line,
-            reason,
-            "BO_ id name: length node, then SG_ name : start|size@order sign (scale,offset) [min|max] \"unit\" receivers",
-        );
+        let written = text.lines().nth(line.saturating_sub(1)).unwrap_or("");
+        let allowed = if types::is_one(written) {
+            types::FORM
+        } else {
+            "BO_ id name: length node, then SG_ name : start|size@order sign (scale,offset) [min|max] \"unit\" receivers"
+        };
+        self.note(line, reason, allowed);
     }
 
     fn message(
@@ -328,7 +330,12 @@ impl Check<'_> {
                 "a least value that does not exceed the greatest, or [0|0] for none",
             );
         }
-        self.float_range(signal, coding, written, held, path, line);
+        if self.untyped
+            && coding.is_integer()
+            && let Some(problem) = types::range_of_float(signal, written, held, path)
+        {
+            self.problems.push(problem.at(self.file, line));
+        }
         // [0|0] means: not given.
         let (min, max) = if written == (0.0, 0.0) {
             held
@@ -396,36 +403,6 @@ impl Check<'_> {
             );
         }
         start
-    }
-
-    /// A range that only a float can have, of bits that are an integer's for want of a type.
-    fn float_range(
-        &mut self,
-        signal: &can_dbc::Signal,
-        coding: Coding,
-        written: (f64, f64),
-        held: (f64, f64),
-        path: &str,
-        line: usize,
-    ) {
-        let integer = matches!(coding, Coding::Signed | Coding::Unsigned);
-        let reach = |(low, high): (f64, f64)| low.abs().max(high.abs());
-        if self.untyped
-            && integer
-            && matches!(signal.size, 32 | 64)
-            && reach(written) > FLOAT_RANGE * reach(held)
-        {
-            let reason = format!(
-                "signal {path} has range [{:e}|{:e}], but as an integer of {} bits it holds at most [{:e}|{:e}]: its type is missing",
-                written.0, written.1, signal.size, held.0, held.1
-            );
-            let number = if signal.size == 32 { 1 } else { 2 };
-            let (message, name) = path.split_once('.').unwrap_or((path, ""));
-            let allowed = format!(
-                "for a float, `SIG_VALTYPE_ ID {name} : {number};` with the id of {message}; for an integer, a range that it holds, or [0|0]"
-            );
-            self.note(line, reason, allowed);
-        }
     }
 
     fn unique(&mut self, messages: &[Message]) {

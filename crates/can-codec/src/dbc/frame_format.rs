@@ -17,7 +17,16 @@ pub(super) fn is_fd(dbc: &can_dbc::Dbc, message: &can_dbc::Message) -> Result<bo
         None => return Ok(false),
         Some(AttributeValue::String(name)) => match name.trim().parse::<u64>() {
             Ok(number) => Some(number),
-            Err(_) => return Ok(names_fd(name)),
+            Err(_) => {
+                let own = dbc.message_attribute(message.id, ATTRIBUTE).is_some();
+                let listed = names.is_none_or(|names| names.contains(name));
+                // A default that no message has is no message's format.
+                return if own && !listed {
+                    Err(unknown(dbc, message, names))
+                } else {
+                    Ok(names_fd(name))
+                };
+            }
         },
         Some(AttributeValue::Uint(number)) => Some(*number),
         Some(AttributeValue::Int(number)) => u64::try_from(*number).ok(),
@@ -105,7 +114,7 @@ fn unknown(dbc: &can_dbc::Dbc, message: &can_dbc::Message, names: Option<&Vec<St
         .map(|(number, name)| format!("{number} ({name})"))
         .collect();
     let numbered = listed(numbered.iter().map(String::as_str));
-    let allowed = format!("a number of the file's enumeration: {numbered}");
+    let allowed = format!("a number or name of the file's enumeration: {numbered}");
     Problem::new(reason, allowed)
 }
 

@@ -218,6 +218,14 @@ pub(super) fn read(text: &str) -> Result<Source, Problem> {
 
 /// A refusal of text that is not XML.
 fn not_xml(error: &roxmltree::Error) -> Problem {
+    if matches!(error, roxmltree::Error::DtdDetected) {
+        let reason = "a document type (<!DOCTYPE>) with its entities is not read";
+        return problem_at(
+            1,
+            reason,
+            "a file without one, each entity (`&name;`) replaced by its text",
+        );
+    }
     problem_at(error.pos().row as usize, format!("not XML: {error}"), "")
 }
 

@@ -4,7 +4,7 @@ use super::problem_at;
 use super::text::Lines;
 use nalgebra::{Matrix3, Vector3};
 use problem::Problem;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Lengths within a link that no robot has, m: the largest links of machines for digging are about as long.
 const LONGEST: f64 = 10.0;
@@ -12,6 +12,11 @@ const LONGEST: f64 = 10.0;
 const LARGEST_ANGLE: f64 = 1.01 * TAU;
 /// Limits of a joint that nobody builds, rad: more than eight turns from zero.
 const LARGEST_LIMIT: f64 = 8.0 * TAU;
+
+/// Masses that small placeholders of moments do not make suspicious, kg.
+const HEAVY: f64 = 20.0;
+/// Density that no matter has, kg/m³: the densest, osmium, has 22,590.
+const DENSEST: f64 = 1e5;
 
 /// Warns of a link's mass that lies or spreads far from its frame, and of an orientation that looks like degrees.
 pub(super) fn of_link(link: &urdf_rs::Link, lines: &Lines, warnings: &mut Vec<Problem>) {
@@ -38,12 +43,33 @@ pub(super) fn of_link(link: &urdf_rs::Link, lines: &Lines, warnings: &mut Vec<Pr
         );
         warnings.push(problem_at(lines.of("inertia"), reason, ""));
     }
+    of_density(link, lines, warnings);
     of_rotation(
         &format!("link \"{name}\""),
         *inertial.origin.rpy,
         lines.of("inertial"),
         warnings,
     );
+}
+
+/// Warns of a mass that moments this small belong to no matter of: grams in place of kilograms. Of all bodies of one
+/// density a ball has the least trace of the inertia, `6/5 m r²`.
+fn of_density(link: &urdf_rs::Link, lines: &Lines, warnings: &mut Vec<Problem>) {
+    let (mass, i) = (link.inertial.mass.value, &link.inertial.inertia);
+    let trace = i.ixx + i.iyy + i.izz;
+    // A point, or a mistake that is reported elsewhere.
+    if mass < HEAVY || trace <= 0.0 {
+        return;
+    }
+    let radius = (trace / (1.2 * mass)).sqrt();
+    let density = mass / (4.0 / 3.0 * PI * radius.powi(3));
+    if density > DENSEST {
+        let reason = format!(
+            "link \"{}\": {mass} kg with moments that add up to {trace} kg m^2 are denser than any metal; masses are in kg",
+            link.name
+        );
+        warnings.push(problem_at(lines.of("mass"), reason, ""));
+    }
 }
 
 /// Warns of a joint's placement and limits that look like degrees or mm.

@@ -193,9 +193,9 @@ fn possible(given: &Inertia, least: f64, middle: Vector3<f64>) -> (Ten, bool) {
 
 /// Inertias of links, each about its own frame, that add up to those of their bodies.
 ///
-/// The part that fixed joints hold to a body's first link keeps its inertia where the first link's rest is
-/// one that a body can have; otherwise all parts change alike: `J' = T J T^T` with
-/// `T = L L0^-1` of the factors of the body's pseudo-inertias keeps each part possible.
+/// What fixed joints hold to a body's first link keeps its inertia where the first link's rest is one that a body can
+/// have; otherwise all parts change alike, `J' = T J T^T`, with `T = U U0^-1` of the body's upper factors. Its last row
+/// is `[0 0 0 t]`: parts are shifted and stretched alike, each stays possible, and one factor changes all masses.
 #[must_use]
 pub fn of_links(robot: &Robot<'_>, bodies: &[Inertia]) -> Vec<(String, Inertia)> {
     let mut out = Vec::new();
@@ -211,14 +211,8 @@ pub fn of_links(robot: &Robot<'_>, bodies: &[Inertia]) -> Vec<(String, Inertia)>
             continue;
         }
         let before = robot.model.bodies()[index + 1].inertia;
-        let factors = (
-            pseudo(&ten(whole)).cholesky(),
-            pseudo(&ten(&before)).cholesky(),
-        );
-        let map = match factors {
-            (Some(new), Some(old)) => old.l().try_inverse().map(|inverse| new.l() * inverse),
-            _ => None,
-        };
+        let factors = upper(&pseudo(&ten(whole))).zip(upper(&pseudo(&ten(&before))));
+        let map = factors.and_then(|(new, old)| Some(new * old.try_inverse()?));
         let Some(map) = map else {
             out.push((own.name.clone(), *whole));
             out.extend(fixed.iter().map(|f| (f.name.clone(), Inertia::zero())));
@@ -234,6 +228,12 @@ pub fn of_links(robot: &Robot<'_>, bodies: &[Inertia]) -> Vec<(String, Inertia)>
         }
     }
     out
+}
+
+/// U, upper triangular with `J = U U^T`; none where J is not positive definite.
+fn upper(j: &Matrix4<f64>) -> Option<Matrix4<f64>> {
+    let reversed = |m: &Matrix4<f64>| Matrix4::from_fn(|i, k| m[(3 - i, 3 - k)]);
+    reversed(j).cholesky().map(|c| reversed(&c.l()))
 }
 
 /// Pseudo-inertias of the unit parameters.
@@ -417,6 +417,16 @@ mod tests {
         assert!(pseudo(&ten(&flat)).cholesky().is_none());
         let (mended, changed) = possible(&flat, 0.1, Vector3::zeros());
         assert!(changed && pseudo(&mended).cholesky().is_some());
+    }
+
+    #[test]
+    fn the_upper_factor_scales_masses_alone() {
+        let (a, b) = (pseudo(&body(1.3)), pseudo(&body(0.7)));
+        let u = upper(&a).unwrap();
+        assert!((u * u.transpose() - a).norm() < 1e-12);
+        let map = upper(&b).unwrap() * u.try_inverse().unwrap();
+        assert!((map * a * map.transpose() - b).norm() < 1e-12);
+        assert!(map.row(3).columns(0, 3).norm() < 1e-12);
     }
 
     /// Gradient and curvature of the barrier against differences.

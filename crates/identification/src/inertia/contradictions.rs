@@ -65,25 +65,30 @@ pub fn efforts(robot: &Robot<'_>, rows: &Rows) -> Vec<Problem> {
     problems
 }
 
-/// Links that cannot be those of the URDF.
+/// Links that cannot be those of the URDF, each with its body.
 #[must_use]
-pub fn links(robot: &Robot<'_>, inertias: &[Inertia]) -> Vec<String> {
+pub fn links(robot: &Robot<'_>, inertias: &[Inertia]) -> Vec<(usize, String)> {
     let bodies = &robot.model.bodies()[1..];
     let total: f64 = bodies.iter().map(|b| b.inertia.mass).sum();
     let before = |name: &str| {
         let mut frames = robot.model.frames().iter();
-        frames.find(|f| f.name == name).map(|f| f.inertia)
+        frames
+            .find(|f| f.name == name)
+            .map(|f| (f.body.saturating_sub(1), f.inertia))
     };
     let mut out = Vec::new();
     for (name, after) in of_links(robot, inertias) {
-        let Some(prior) = before(&name).filter(|p| p.mass > 0.0) else {
+        let Some((body, prior)) = before(&name).filter(|(_, p)| p.mass > 0.0) else {
             continue;
         };
         let ratio = after.mass / prior.mass;
         if !(1.0 / MAX_MASS_RATIO..=MAX_MASS_RATIO).contains(&ratio) {
-            out.push(format!(
-                "link `{name}`: {:.3} kg, the URDF has {:.3} kg",
-                after.mass, prior.mass
+            out.push((
+                body,
+                format!(
+                    "link `{name}`: {:.3} kg, the URDF has {:.3} kg",
+                    after.mass, prior.mass
+                ),
             ));
             continue;
         }
@@ -94,15 +99,16 @@ pub fn links(robot: &Robot<'_>, inertias: &[Inertia]) -> Vec<String> {
         let size = (trace(&prior) / prior.mass).max(0.0).sqrt();
         let way = (after.center() - prior.center()).norm();
         if way > MIN_CENTRE_WAY && way > MAX_CENTRE_WAY * (size + prior.center().norm()) {
-            out.push(format!(
+            out.push((body, format!(
                 "link `{name}`: its centre of mass moves by {way:.3} m, the link is some {size:.3} m large"
-            ));
+            )));
         }
         let turned = trace(&after) / trace(&prior).max(1e-12);
         // A point mass has no inertia that could be compared.
         if size > 0.01 && !(1.0 / MAX_INERTIA_RATIO..=MAX_INERTIA_RATIO).contains(&turned) {
-            out.push(format!(
-                "link `{name}`: its moments of inertia are {turned:.2e} times the URDF's"
+            out.push((
+                body,
+                format!("link `{name}`: its moments of inertia are {turned:.2e} times the URDF's"),
             ));
         }
     }

@@ -103,6 +103,16 @@ impl Grams {
         }
     }
 
+    /// These moments, with those of one joint from others.
+    #[must_use]
+    pub fn with_joint(&self, joint: usize, other: &Self) -> Self {
+        let mut out = self.clone();
+        for (own, theirs) in out.blocks.iter_mut().zip(&other.blocks) {
+            own[joint].clone_from(&theirs[joint]);
+        }
+        out
+    }
+
     /// Normal equations of blocks, joints weighted by their sigma.
     #[must_use]
     pub fn normal(&self, blocks: &[usize], sigma: &[f64]) -> Normal {

@@ -1,7 +1,7 @@
 //! Zeros of a fitted joint in a log that torques are estimated over: a motor-side encoder that knows its
 //! angle within a turn only comes back some turns off.
 
-use super::signals::Signals;
+use super::signals::{Signals, deviation};
 use crate::log::LogRow;
 use inspection::{Defect, Finding, Severity};
 use joint_file::JointFile;
@@ -14,6 +14,13 @@ const MAX_TORSION: f64 = 0.025;
 const WHOLE: f64 = 0.25;
 /// Correlation of current and torsion from which they contradict each other.
 const AGAINST: f64 = -0.6;
+
+/// Square of the correlation of current and torsion from which their ratio means something, and the ratio of the
+/// torques by both, either way, that no drift of a fit has.
+const ALIKE: f64 = 0.7;
+const MAX_RATIO: f64 = 3.0;
+/// Span of the torque by torsion, of the rated torque, below which friction is most of the current.
+const LOADED: f64 = 0.1;
 
 /// Middle of theta/N - q beyond the fitted kinematic error, rad; none of a joint whose zero is not known.
 fn beyond(joint: &JointFile, pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
@@ -87,5 +94,45 @@ pub(super) fn check(s: &Signals, joint: &JointFile, problems: &mut Vec<Problem>)
             reason,
             "theta/N - q > 0 and a positive current for positive torque",
         ));
+    } else {
+        problems.extend(current_unit(s, joint));
     }
+}
+
+/// A current whose torque is a multiple or a part of the torque that the torsion shows.
+fn current_unit(s: &Signals, joint: &JointFile) -> Option<Problem> {
+    let stiffness = (joint.hysteresis.as_ref().map(|h| h.linear))
+        .or(joint.compliance.as_ref().map(|c| c.k_fs0))?;
+    let (n, error) = (joint.joint.gear_ratio, joint.kinematic_error_parameters());
+    let torsion = s.u.iter().zip(&s.q);
+    let torsion: Vec<f64> = torsion
+        .map(|(u, q)| stiffness * (u - q - error.error(*q, n * u)))
+        .collect();
+    let per_ampere = joint.current_parameters().k_1;
+    let current: Vec<f64> = s.current.iter().map(|i| per_ampere * i).collect();
+    let sizes = [deviation(&torsion), deviation(&current)];
+    let means = [&torsion, &current].map(|x| x.iter().sum::<f64>() / x.len().max(1) as f64);
+    let product = torsion.iter().zip(&current);
+    let product: f64 = product.map(|(a, b)| (a - means[0]) * (b - means[1])).sum();
+    let correlation = product / torsion.len() as f64 / (sizes[0] * sizes[1]).max(1e-24);
+    let ratio = sizes[1] / sizes[0].max(1e-12);
+    let sound = (1.0 / MAX_RATIO..=MAX_RATIO).contains(&ratio);
+    if sound || correlation.powi(2) < ALIKE || sizes[0] < LOADED * joint.joint.rated_torque {
+        return None;
+    }
+    let unit = match ratio {
+        x if (300.0..3000.0).contains(&x) => "in mA?".to_owned(),
+        x if (0.3 / n..3.0 / n).contains(&x) || (0.3 * n..3.0 * n).contains(&x) => {
+            "in A of the motor? another gear ratio?".to_owned()
+        }
+        _ => "in another unit, or of another motor?".to_owned(),
+    };
+    let reason = format!(
+        "the torque by `i` varies by {:.4} N·m RMS, {ratio:.3} times what the torsion shows: is `i` {unit}",
+        sizes[1]
+    );
+    Some(Problem::new(
+        reason,
+        "the motor's measured current, A, of the joint that was fitted",
+    ))
 }
