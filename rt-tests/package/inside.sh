@@ -1,25 +1,9 @@
 #!/bin/bash
 # Inside of a fresh Debian, without systemd as its first process: what run.sh tests.
 set -eu
-export DEBIAN_FRONTEND=noninteractive LC_ALL=C PATH=/usr/sbin:/usr/bin:/sbin:/bin
-passed=0
+. /lib.sh
 # A daemon that still runs would keep the fresh system busy.
 trap 'kill $(jobs -p) 2>/dev/null; wait' EXIT
-test_that() {
-    local what=$1
-    shift
-    if "$@" >/tmp/log 2>&1; then
-        passed=$((passed + 1))
-        echo "ok: $what"
-    else
-        echo "FAILED: $what"
-        cat /tmp/log
-        echo "== $passed passed, 1 failed in ${SECONDS}s =="
-        exit 1
-    fi
-}
-without() { ! "$@"; }
-as_robot() { runuser -u torqued -- env HOME=/var/lib/torqued TORQUED_RUN_DIR=/run/torqued "$@"; }
 # What an operator wrote stays, all else goes.
 find / -xdev -path /proc -prune -o -path /sys -prune -o -path /dev -prune -o -path /tmp -prune -o -print | sort >/tmp/before
 mkdir -p /etc/torqued
