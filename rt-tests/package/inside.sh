@@ -3,7 +3,7 @@
 set -eu
 . /lib.sh
 # A daemon that still runs would keep the fresh system busy.
-trap 'kill $(jobs -p) 2>/dev/null; wait' EXIT
+trap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT
 # What an operator wrote stays, all else goes.
 find / -xdev -path /proc -prune -o -path /sys -prune -o -path /dev -prune -o -path /tmp -prune -o -print | sort >/tmp/before
 mkdir -p /etc/torqued
