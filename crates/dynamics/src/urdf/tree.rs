@@ -149,7 +149,6 @@ fn drivers(
     warnings: &mut Vec<Problem>,
 ) -> Result<Vec<Driver>, Problem> {
     let all = &source.robot.joints;
-    refuse_missing(source, joints)?;
     let mut drivers = Vec::with_capacity(all.len());
     for start in 0..all.len() {
         let line = source.joints[start].of("mimic");
@@ -162,6 +161,14 @@ fn drivers(
         while let Some(mimic) = mimic(&all[d.joint], independent) {
             let name = &all[start].name;
             let next = joints.get(mimic.joint.as_str()).copied();
+            if next.is_none() {
+                let reason = format!(
+                    "joint \"{}\" mimics \"{}\": no such joint",
+                    all[d.joint].name, mimic.joint
+                );
+                let line = source.joints[d.joint].of("mimic");
+                return Err(problem_at(line, reason, "a joint of this file"));
+            }
             let Some(next) = next.filter(|n| all[*n].joint_type != JointType::Fixed) else {
                 if steps == 0 {
                     let reason = format!(
@@ -187,24 +194,6 @@ fn drivers(
         drivers.push(d);
     }
     Ok(drivers)
-}
-
-/// Refuses a mimic of a joint that is not there, also of a joint that is taken as independent: the file is not whole.
-fn refuse_missing(source: &Source, joints: &HashMap<&str, usize>) -> Result<(), Problem> {
-    let none = HashSet::new();
-    for (joint, lines) in source.robot.joints.iter().zip(&source.joints) {
-        if let Some(mimic) = mimic(joint, &none)
-            && !joints.contains_key(mimic.joint.as_str())
-        {
-            let reason = format!(
-                "joint \"{}\" mimics \"{}\": no such joint",
-                joint.name, mimic.joint
-            );
-            let line = lines.of("mimic");
-            return Err(problem_at(line, reason, "a joint of this file"));
-        }
-    }
-    Ok(())
 }
 
 fn mimic<'a>(joint: &'a urdf_rs::Joint, independent: &HashSet<&str>) -> Option<&'a urdf_rs::Mimic> {
