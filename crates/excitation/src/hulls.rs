@@ -32,7 +32,7 @@ const THICK: f64 = 0.04;
 pub struct Distance {
     /// Least distance, m.
     pub least_m: f64,
-    /// What is allowed there, m: less for bodies that were closer at the start.
+    /// Allowed distance, m: less than the configured one for bodies that were closer at the start.
     pub allowed_m: f64,
     /// Between these bodies.
     pub between: (String, String),

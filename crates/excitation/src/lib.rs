@@ -56,7 +56,7 @@ pub enum SelfCheck<'a> {
     Done {
         /// The URDF's text.
         urdf: &'a str,
-        /// What the plan gives.
+        /// Radii and least distance that the plan gives; none: those of the URDF's geometry.
         given: Option<&'a SelfDistance>,
     },
     /// Not at all.

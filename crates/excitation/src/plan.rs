@@ -80,7 +80,7 @@ pub enum Constant {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Part {
-    /// What it is.
+    /// Kind of the motion.
     pub kind: Kind,
     /// A name for reports.
     #[serde(default)]

@@ -1,7 +1,8 @@
 //! One rule for the encoding of every text that is read, whoever wrote it.
 //!
-//! A byte-order mark decides (UTF-8, UTF-16). Without one a text is UTF-16 where every other byte of its
-//! characters is 0, UTF-8 if it can be, and otherwise Windows-1252, which programs under Windows write (CANdb++ among them) and which holds Latin-1.
+//! A byte-order mark decides (UTF-8, UTF-16). Without one a text with a byte 0 is UTF-16 if most of it is
+//! ASCII then. Any other is UTF-8 if it can be, and otherwise Windows-1252, which programs under Windows write (CANdb++
+//! among them) and which holds Latin-1.
 
 use crate::{Problem, line_in};
 

@@ -193,8 +193,8 @@ fn possible(given: &Inertia, least: f64, middle: Vector3<f64>) -> (Ten, bool) {
 
 /// Inertias of links, each about its own frame, that add up to those of their bodies.
 ///
-/// What fixed joints hold to a body's first link keeps its inertia where the first link's rest is one that a body can
-/// have; otherwise all parts change alike, `J' = T J T^T`, with `T = U U0^-1` of the body's upper factors. Its last row
+/// The inertias of links that fixed joints hold to a body's first link stay, where the first link's rest is one that a
+/// body can have. Otherwise all parts change alike, `J' = T J T^T`, with `T = U U0^-1` of the body's upper factors. Its last row
 /// is `[0 0 0 t]`: parts are shifted and stretched alike, each stays possible, and one factor changes all masses.
 #[must_use]
 pub fn of_links(robot: &Robot<'_>, bodies: &[Inertia]) -> Vec<(String, Inertia)> {

@@ -39,7 +39,7 @@ const SMALL: f64 = 0.015;
 /// One joint's filter is named where it leaves less than this share of what one filter of all joints leaves.
 const OWN: f64 = 0.7;
 
-/// What may stand between the model's torque and the logged one.
+/// A delay or low-pass between the model's torque and the logged one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Filter {
     /// Late by this time, s.
@@ -145,7 +145,7 @@ pub fn judge(
     Some(Problem::new(reason, allowed))
 }
 
-/// What filters are judged by.
+/// Regressor, prior and squares by which a filter is judged.
 struct Judge<'a> {
     rows: &'a Rows,
     prior: &'a Prior,
