@@ -334,7 +334,7 @@ fn a_type_that_names_no_signal_is_refused() {
     ] {
         refused(&format!("{messages}SIG_VALTYPE_ {typed}"), 7, &[said]);
     }
-    // Of a message that was taken out with its signals.
+    // The type of a signal whose message was taken out of the file is no mistake.
     dbc(&format!("{messages}SIG_VALTYPE_ 3 gone : 1;"));
     refused(
         &format!("{messages}SIG_VALTYPE_ 1 a : ;"),
