@@ -231,7 +231,9 @@ fn references_that_are_not_followed_are_an_error_until_hold_is_asked_for() {
             (lease.not_followed, lease.cause) = (not_followed::FAULT, number);
         }
     };
-    while_led(&ports, 0.2, latch, || {
+    // Longer than a busy machine lets this thread wait.
+    let timeout_s = 1.5;
+    while_led(&ports, timeout_s, latch, || {
         let mut commander = Commander::connect(&mut client).expect("commander");
         let send = |commander: &mut Commander| {
             (0..50).find_map(|_| {
@@ -255,8 +257,7 @@ fn references_that_are_not_followed_are_an_error_until_hold_is_asked_for() {
             .hold_until_ready(PATIENCE)
             .expect("followed again");
         assert_eq!(send(&mut commander), None);
-        // Longer than the time-out without a reference.
-        sleep(Duration::from_millis(300));
+        sleep(Duration::from_secs_f64(1.2 * timeout_s));
         let error = commander.send(torque).expect_err("too late");
         assert!(
             error.to_string().contains("the command was lost"),
