@@ -31,6 +31,12 @@ struct Arguments {
     /// Simulated time for which each of them stands, s
     #[arg(long, default_value_t = 60.0)]
     seconds: f64,
+    /// Simulated time for which mode stand steps in place, s, with the joints of each seed in each world. 0: no such run
+    #[arg(long, default_value_t = 300.0)]
+    steps: f64,
+    /// Joints that step in place, in each world
+    #[arg(long, default_value_t = 2)]
+    steppers: u64,
     /// Runs at a time
     #[arg(long, default_value_t = 2)]
     threads: usize,

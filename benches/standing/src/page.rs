@@ -58,9 +58,12 @@ pub(crate) fn write(arguments: &Arguments) -> Result<(), String> {
         .replace("PUSHES", &arguments.pushes.to_string())
         .replace("LONG", &arguments.long.to_string())
         .replace("DRAWS", &arguments.draws.to_string())
-        .replace("SECONDS", &arguments.seconds.to_string());
+        .replace("SECONDS", &arguments.seconds.to_string())
+        .replace("STEPPERS", &arguments.steppers.to_string())
+        .replace("STEPS", &arguments.steps.to_string());
     pushed(asked, &mut text)?;
     left_alone(asked, &mut text)?;
+    stepping(asked, &mut text)?;
     ResultsPage::new(&text)?.write(&arguments.out)
 }
 
@@ -74,6 +77,7 @@ struct Job<'a> {
     mode: Mode,
     seed: u64,
     force: [f64; 2],
+    steps: bool,
     seconds: f64,
 }
 
@@ -88,8 +92,10 @@ fn run_all(robot: &Robot, jobs: &[Job<'_>], threads: usize) -> Result<Vec<Stood>
                     let k = next.fetch_add(1, Ordering::Relaxed);
                     jobs.get(k).map(|job| (k, job))
                 } {
-                    let stood = world(job.world, robot, job.seed, job.force)
-                        .and_then(|mut world| stand(robot, &mut *world, job.mode, job.seconds));
+                    let stood =
+                        world(job.world, robot, job.seed, job.force).and_then(|mut world| {
+                            stand(robot, &mut *world, job.mode, job.steps, job.seconds)
+                        });
                     let (name, mode) = (job.world, job.mode.name());
                     let (push, seconds) = (&job.push, job.seconds);
                     println!("{push} {name} {mode} {}, {seconds} s: {stood:?}", job.seed);
@@ -125,6 +131,7 @@ fn pushed((robot, arguments, worlds, modes): Asked<'_>, text: &mut String) -> Re
             mode,
             seed: k + 1,
             force: [force * x, force * y],
+            steps: false,
             seconds: TO_PUSH_S + AFTER_S,
         }));
     }
@@ -160,6 +167,7 @@ fn left_alone(
                 mode,
                 seed,
                 force: [0.0; 2],
+                steps: false,
                 seconds,
             }));
             rows.push(((world, mode), seconds, first..jobs.len()));
@@ -168,6 +176,36 @@ fn left_alone(
     let all = run_all(robot, &jobs, arguments.threads)?;
     for (of, seconds, its) in rows {
         *text += &quiet(of, seconds, all.get(its).unwrap_or_default());
+    }
+    Ok(())
+}
+
+/// A row for each robot that steps in place by mode stand.
+fn stepping((robot, arguments, worlds, modes): Asked<'_>, text: &mut String) -> Result<(), String> {
+    if arguments.steps <= 0.0 || !modes.contains(&Mode::Stand) {
+        return Ok(());
+    }
+    *text += STEPPING;
+    let each = worlds
+        .iter()
+        .flat_map(|world| (1..=arguments.steppers).map(move |seed| (*world, seed)));
+    let jobs: Vec<Job<'_>> = (each.map(|(world, seed)| Job {
+        push: "steps".to_owned(),
+        world,
+        mode: Mode::Stand,
+        seed,
+        force: [0.0; 2],
+        steps: true,
+        seconds: arguments.steps,
+    }))
+    .collect();
+    for (job, stood) in jobs.iter().zip(run_all(robot, &jobs, arguments.threads)?) {
+        let verdict = verdict(&stood);
+        let (steps, fastest) = (stood.steps, stood.fastest);
+        *text += &format!(
+            "| {} | {} | {} | {steps} | {verdict} | {fastest:.2} | {:.2} | {:.2} |\n",
+            job.world, job.seed, job.seconds, stood.turned, stood.drift
+        );
     }
     Ok(())
 }
@@ -237,7 +275,7 @@ fn quiet((world, mode): (&str, Mode), seconds: f64, all: &[Stood]) -> String {
 
 const HEAD: &str = "# A humanoid that stands
 
-Written by `cargo run --release -p standing-bench -- --pushes PUSHES --long LONG --draws DRAWS --seconds SECONDS`. The shipped humanoid in modes inverse dynamics and [stand](../modes.md#mode-stand), with references of the pose alone. Two worlds in front of the same loop:
+Written by `cargo run --release -p standing-bench -- --pushes PUSHES --long LONG --draws DRAWS --seconds SECONDS --steps STEPS --steppers STEPPERS`. The shipped humanoid in modes inverse dynamics and [stand](../modes.md#mode-stand), with references of the pose alone. Two worlds in front of the same loop:
 
 - **own**: `crates/plant`, each kind of drive with gains ±10 %, friction and presliding times 0.5 to 2.
 - **mujoco**: [rt-tests/second-world/world.py](../../rt-tests/second-world/world.py). Rigid bodies and contacts are MuJoCo's; it shares no code with the plant. Each joint has a linear gear ±7 % with Bouc-Wen hysteresis, rigid friction times 0.5 to 2 that grows with the load, a rotor ±10 %, a P-P cascade ±10 % at 4 kHz, a torque constant ±2 %, an offset of its current. A tenth of the kinematic error is left.
@@ -258,5 +296,14 @@ const QUIET: &str = "
 Each time with other joints; sway over the last second, and the angle of the base from where it began.
 
 | world | mode | s | stand | largest angular velocity, rad/s | sway, degrees: median, worst | drift, degrees: median, worst | events |
+| --- | --- | --- | --- | --- | --- | --- | --- |
+";
+
+const STEPPING: &str = "
+## Stepping in place
+
+Mode stand; each foot in turn is lifted by 30 mm and put down again. The base's angle from where it began: greatest, and at the end.
+
+| world | joints | s | steps | | rad/s | greatest angle, degrees | angle at the end, degrees |
 | --- | --- | --- | --- | --- | --- | --- | --- |
 ";

@@ -1,6 +1,7 @@
 //! A robot that stands in a mode under references of which nothing but the pose is set.
 
 use can_codec::{Frames, MAX_FRAMES};
+use control::Stepping;
 use cycle::{ClientInput, Cycle, Instants, Stamp};
 use robot_config::Robot;
 use robot_state::{Event, JointReference, Mode, Reference};
@@ -52,6 +53,10 @@ pub(crate) struct Stood {
     pub(crate) sway: f64,
     /// Angle of the base at the end from where it was when the mode began, degrees.
     pub(crate) drift: f64,
+    /// Greatest angle of the base from there, degrees.
+    pub(crate) turned: f64,
+    /// Steps in place.
+    pub(crate) steps: u64,
     /// Events other than those of starting, with their counts.
     pub(crate) events: Vec<(Event, u64)>,
 }
@@ -84,7 +89,10 @@ pub(crate) fn humanoid() -> Result<Robot, String> {
     robot_config::load("config/humanoid/robot.toml", &read).map_err(|e| e.to_string())
 }
 
-/// Lets the robot stand for so long in a mode, s.
+/// Height to which a foot rises in a step, m.
+const RISE_M: f64 = 0.03;
+
+/// Lets the robot stand for so long in a mode, s, and step in place there if `steps`.
 ///
 /// # Errors
 /// A world that ends.
@@ -92,6 +100,7 @@ pub(crate) fn stand(
     robot: &Robot,
     world: &mut dyn World,
     mode: Mode,
+    steps: bool,
     seconds: f64,
 ) -> Result<Stood, String> {
     let mut cycle = Cycle::new(robot).map_err(|e| e.to_string())?;
@@ -118,6 +127,7 @@ pub(crate) fn stand(
     }
     let begun = body;
     let mut reference = of_pose(&cycle, mode);
+    let mut stepping = steps.then(|| of_steps(robot, &reference)).transpose()?;
     let mut stood = Stood {
         fault: None,
         ended: false,
@@ -125,12 +135,19 @@ pub(crate) fn stand(
         fastest: 0.0,
         sway: 0.0,
         drift: 0.0,
+        turned: 0.0,
+        steps: 0,
         events: Vec::new(),
     };
     let last = cycles(seconds);
     let mut orientations = Vec::new();
     for k in 0..last {
         reference.sequence += 1;
+        let on = cycle.record().commanded.stands_on;
+        if let Some(stepping) = &mut stepping {
+            stood.ended |= !stepping.update(on, &mut reference, period);
+            stood.steps = stepping.steps();
+        }
         let client = ClientInput {
             reference: Some(&reference),
             age_s: 0.001,
@@ -139,6 +156,9 @@ pub(crate) fn stand(
         body = step(&mut cycle, &client)?;
         let record = cycle.record();
         stood.fastest = stood.fastest.max(body.turns);
+        stood.turned = stood
+            .turned
+            .max(angle(&body.orientation, &begun.orientation));
         stood.fallen |= body.height < begun.height - FALLEN_M;
         if stood.fault.is_none() && record.fault != 0 {
             let event = Event::from_number(record.fault);
@@ -151,7 +171,7 @@ pub(crate) fn stand(
             orientations.push(body.orientation);
         }
     }
-    stood.ended = cycle.record().mode != mode.number();
+    stood.ended |= cycle.record().mode != mode.number();
     let first = orientations.first().copied().unwrap_or(begun.orientation);
     stood.sway = (orientations.iter()).fold(0.0, |most, q| most.max(angle(q, &first)));
     stood.drift = angle(&body.orientation, &begun.orientation);
@@ -187,6 +207,23 @@ fn of_pose(cycle: &Cycle, mode: Mode) -> Reference {
     reference
 }
 
+/// Steps in place from the pose of a reference, with the feet whose soles are known.
+fn of_steps(robot: &Robot, reference: &Reference) -> Result<Stepping, String> {
+    let p = &robot.parameters;
+    let places: Vec<usize> = p.joints.iter().map(|joint| joint.model_index).collect();
+    let feet = p
+        .ft_sensors
+        .iter()
+        .enumerate()
+        .filter(|(_, ft)| ft.sole.is_some());
+    let feet = feet.filter_map(|(s, ft)| Some((s, robot.model.frame_index(&ft.sensor.frame)?)));
+    let feet: Vec<(usize, usize)> = feet.collect();
+    let joints = reference.joints.iter().take(places.len());
+    let pose: Vec<f64> = joints.map(|joint| joint.q_d).collect();
+    let stepping = Stepping::new(&robot.model, &places, &feet, &pose, RISE_M);
+    stepping.ok_or_else(|| "no two feet that can be lifted so far".to_owned())
+}
+
 /// Angle between two orientations, degrees.
 fn angle(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let dot: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
@@ -205,7 +242,7 @@ mod tests {
         let robot = humanoid().unwrap();
         let start = BEFORE_S + TO_PUSH_S;
         let mut world = Mujoco::new(&robot, 1, [60.0, 0.0], start).unwrap();
-        let stood = stand(&robot, &mut world, Mode::InverseDynamics, 5.0).unwrap();
+        let stood = stand(&robot, &mut world, Mode::InverseDynamics, false, 5.0).unwrap();
         assert!(stood.fault.is_none() && !stood.fallen, "{stood:?}");
         assert!(stood.fastest < 0.6 && stood.drift < 1.0, "{stood:?}");
         assert!(stood.fastest > 0.05, "nothing was pushed: {stood:?}");

@@ -565,7 +565,7 @@ class FrameCommanded(ctypes.Structure):
 
 
 class CommandedRecord(ctypes.Structure):
-    """9344 bytes."""
+    """9352 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -573,11 +573,13 @@ class CommandedRecord(ctypes.Structure):
         ("joints", JointCommanded * 64),
         # The frames of mode Cartesian, in config order; all zeros while a client uses none.
         ("frames", FrameCommanded * 4),
+        # Mode stand: bit s is 1 where the robot stands on the foot of F/T sensor s; 0 in other modes.
+        ("stands_on", ctypes.c_uint64),
     ]
 
 
 class CycleRecord(ctypes.Structure):
-    """31768 bytes."""
+    """31776 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -645,7 +647,7 @@ class LoopRecord(ctypes.Structure):
 
 
 class SharedRecord(ctypes.Structure):
-    """31840 bytes."""
+    """31848 bytes."""
 
     __slots__ = ()
     _fields_ = [
@@ -771,8 +773,8 @@ class Reference(ctypes.Structure):
         ("contact_wrench_given", ctypes.c_uint32),
         # 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         ("gains_given", ctypes.c_uint32),
-        # Fills the record to a multiple of eight bytes.
-        ("reserved", ctypes.c_uint32),
+        # Mode stand: bit s is 1 where the client lifts the foot of F/T sensor s. The robot stands on the others alone before it is free (`stands_on` of the record), then its joints follow `q_d` from where they are.
+        ("lifted_feet", ctypes.c_uint32),
         # The joints, in config order.
         ("joints", JointReference * 64),
         # f_d: desired wrench of the environment on each end-effector, at the frame of its F/T sensor, in config order (mode inverse dynamics).
@@ -927,9 +929,9 @@ class Answer(ctypes.Structure):
 
 
 # The types' names in shared memory: the layout's hash makes another version a stranger.
-SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#0a12f238c00812ac")
+SharedRecord.type_name = staticmethod(lambda: "torqued::SharedRecord#009075959e0dee4a")
 Description.type_name = staticmethod(lambda: "torqued::Description#e3c0c7d4efae2a39")
-Reference.type_name = staticmethod(lambda: "torqued::Reference#c960d608c02ff4e8")
+Reference.type_name = staticmethod(lambda: "torqued::Reference#de0a6dce8f317983")
 TrajectoryPiece.type_name = staticmethod(lambda: "torqued::TrajectoryPiece#6db9275c3fdbb493")
 CommanderStatus.type_name = staticmethod(lambda: "torqued::CommanderStatus#ca593c6c51e26f62")
 Request.type_name = staticmethod(lambda: "torqued::Request#57192db3322973c9")

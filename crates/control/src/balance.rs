@@ -10,45 +10,37 @@
 //! 3. Their dynamics give the wrench that the ground must apply, which the soles share as they can, and with it the
 //!    torques.
 
+mod center;
 mod floor;
 mod ground;
 mod least_squares;
+mod observer;
+mod swing;
+mod turn;
 
-use crate::sole::{Sole, depth, nearest_within};
+use crate::sole::Sole;
+use center::Led;
+pub(crate) use center::QUICKER;
 use dynamics::{
-    Base, Data, Model, Motion, ReferenceFrame, Se3, center_of_mass, crba, forward_kinematics,
+    Base, Data, Model, Motion, ReferenceFrame, Se3, crba, forward_kinematics,
     forward_kinematics_acceleration, frame_acceleration, frame_jacobian, frame_placement, rnea,
 };
-use floor::{Floor, Soles};
+use floor::Floor;
 use ground::{Sharing, at_sensor, share};
 use least_squares::LeastSquares;
 pub use least_squares::MAX_FEET;
-use nalgebra::{Matrix3, Matrix6xX, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix6xX, Vector2, Vector3, Vector6};
+pub(crate) use observer::OBSERVES;
+use observer::Observer;
 use robot_state::Wrench;
+pub(crate) use turn::{FINDS, TURNS_BACK};
 
-/// The slower pole of the centre of mass is the pendulum's own, which leaves its stable part alone: all of the soles
-/// is left to catch the other one. The other pole, as a multiple of it. Chosen on the simulated humanoid
-/// (docs/results/standing.md).
-pub(crate) const QUICKER: f64 = 2.5;
-/// Frequency of the base's orientation, and of the posture, critically damped, rad/s. Chosen on the simulated humanoid
-/// (docs/results/standing.md).
-pub(crate) const TURNS_BACK: f64 = 10.0;
+/// Frequency of the posture, critically damped, rad/s. Chosen on the simulated humanoid (docs/results/standing.md).
 const POSTURE: f64 = 10.0;
-/// Time in which what turns the base off is found, s, and the greatest angular acceleration by which it is held back,
-/// rad/s². At the crossover of the base's loop, 20 rad/s, the integral takes 1.4° of phase. Its bound is what a torque
-/// off by half a degree of `TURNS_BACK` asks for, so that a push cannot fill it.
-pub(crate) const FINDS: f64 = 2.0;
-const MOST_FOUND: f64 = 1.0;
-/// Frequency, critically damped, with which the place for the centre of mass is led to where it is asked for, rad/s.
-/// Chosen: slower than the pendulum, so that leading it asks for a small part of the soles; no experiment recorded.
-const LEADS: f64 = 2.0;
-/// Share of the way from the middle of the soles to the edge of their hull within which a client may ask for the centre
-/// of mass: the rest is left to catch it. Chosen; no experiment recorded.
-const REACH: f64 = 0.5;
 /// Frequency of the low-pass of the joints' velocities, rad/s. Ground gives way under feet, which then turn against the
 /// shanks though the body does not move. Chosen on the simulated humanoid, whose ankles rang without it, by 9 N·m at 33 Hz
 /// on a floor of 150 N/mm under each corner: it takes 12 dB there, and 14° where the centre of mass is led.
-pub(crate) const SMOOTH: f64 = 50.0;
+const SMOOTH: f64 = 50.0;
 /// Greatest angular acceleration that is asked for, of the base and of a joint, rad/s². Chosen; no experiment recorded.
 const MOST_TURN: f64 = 30.0;
 /// Weights of accelerations: of joints between the base and a foot that stands, of the others, which springs hold, and
@@ -64,6 +56,12 @@ struct Foot {
     frame: usize,
     sole: Sole,
     stands: bool,
+    /// See [`BalanceInput`].
+    bears: f64,
+    lifts: bool,
+    /// Up in its sensor's axes when it first stood, and how far it was turned against the others when it was put down, rad.
+    first_up: Option<Vector3<f64>>,
+    put_down: Option<f64>,
     /// Joints between the base and the foot, in the order of the model.
     joints: Vec<usize>,
     /// Its sensor's frame in the base's axes, now and in the desired pose.
@@ -88,6 +86,11 @@ pub struct BalanceInput<'a> {
     pub desired: [&'a [f64]; 3],
     /// Up in the axes of each foot's sensor, unit vectors, of the feet on which it stands; none for others.
     pub up: [Option<Vector3<f64>>; MAX_FEET],
+    /// Greatest share of the weight that the ground may bear under each of these feet, 0 to 1: below 1 under a foot that
+    /// is about to leave the ground, or has just come back to it.
+    pub bears: [f64; MAX_FEET],
+    /// Feet that are about to leave the ground: the centre of mass is to be over the middle of the others.
+    pub lifts: [bool; MAX_FEET],
     /// Offset of the centre of mass from the middle of the soles, forward and to the left as the base stood when it
     /// began, m.
     pub offset: [f64; 2],
@@ -103,17 +106,10 @@ pub struct Balanced {
     /// How far inside the hull of the soles the capture point is, m: where the centre of mass would come to rest over a
     /// foot that is put there (J. Pratt et al., 2006). Outside, no torque brings it back.
     pub depth: f64,
+    /// The same of the soles that stay on the ground, but for their edges, m.
+    pub reserve: f64,
     /// The accelerations were found.
     pub solved: bool,
-}
-
-/// The place to which the centre of mass is led, on the floor.
-#[derive(Debug, Clone, Copy)]
-struct Led {
-    at: Vector2<f64>,
-    rate: Vector2<f64>,
-    /// Forward as the base stood when it began.
-    forward: Vector2<f64>,
 }
 
 /// See the module.
@@ -134,6 +130,12 @@ pub struct Balance {
     carries: Vec<bool>,
     equations: LeastSquares,
     led: Option<Led>,
+    /// The centre of mass on the floor, and the base's rotation against the desired one, on the feet of these bits.
+    center: Option<Observer<2>>,
+    turned: Option<Observer<3>>,
+    observed_on: u32,
+    /// The floor of the last cycle, in the axes of the base.
+    floor: Option<Floor>,
     /// Angular acceleration by which torques that are slightly wrong turn the base off, rad/s².
     found: Vector3<f64>,
     gravity: f64,
@@ -159,6 +161,10 @@ impl Balance {
                 frame,
                 sole,
                 stands: false,
+                bears: 0.0,
+                lifts: false,
+                first_up: None,
+                put_down: None,
                 joints: joints.map(|(j, _)| j).collect(),
                 at: Se3::identity(),
                 desired: Se3::identity(),
@@ -183,6 +189,10 @@ impl Balance {
             carries: vec![false; model.joint_count()],
             equations: LeastSquares::new(nv),
             led: None,
+            center: None,
+            turned: None,
+            observed_on: 0,
+            floor: None,
             found: Vector3::zeros(),
             gravity,
             model,
@@ -192,6 +202,11 @@ impl Balance {
     /// It begins anew in the next cycle.
     pub fn restart(&mut self) {
         self.led = None;
+        (self.center, self.turned) = (None, None);
+        self.floor = None;
+        for foot in &mut self.feet {
+            (foot.first_up, foot.put_down) = (None, None);
+        }
         self.found = Vector3::zeros();
     }
 
@@ -200,11 +215,14 @@ impl Balance {
         self.smooth(input);
         self.place(input);
         let floor = self.floor(input)?;
+        self.take_along(&floor);
+        self.floor = Some(floor);
         self.move_base();
         let up: Vector3<f64> = floor.axes.column(2).into();
         self.set_dynamics(&up);
-        let (task, mut balanced) = self.lead_center(&floor, input)?;
-        self.set_equations(&floor, &task, input);
+        let turn = self.turn(input);
+        let (task, turn, mut balanced) = self.lead_center(&floor, &turn, input)?;
+        self.set_equations(&floor, &task, &turn);
         self.a.fill(0.0);
         self.set_posture(input);
         balanced.solved = self.equations.solve(&mut self.a);
@@ -234,6 +252,33 @@ impl Balance {
         self.carries.get(joint).copied().unwrap_or(false)
     }
 
+    /// Up in the axes of a foot's sensor, and how far the lowest corner of its sole is above the ground, m, by the angles
+    /// of the joints and the feet that stand; none before the first update.
+    #[must_use]
+    pub fn above_ground(&self, foot: usize) -> Option<(Vector3<f64>, f64)> {
+        let foot = self.feet.get(foot)?;
+        let floor = self.floor.as_ref()?;
+        let up: Vector3<f64> = floor.axes.column(2).into();
+        let height = |corner: &Vector2<f64>| {
+            let own = foot.sole.origin() + foot.sole.axes() * corner.push(0.0);
+            up.dot(&(foot.at.act_point(own) - floor.origin))
+        };
+        let lowest = foot
+            .sole
+            .corners()
+            .iter()
+            .map(height)
+            .fold(f64::INFINITY, f64::min);
+        Some((foot.at.rotation.tr_mul(&up), lowest))
+    }
+
+    /// The joint (in the order of the model) is between the base and that foot.
+    #[must_use]
+    pub fn is_of(&self, joint: usize, foot: usize) -> bool {
+        let foot = self.feet.get(foot);
+        foot.is_some_and(|foot| foot.joints.contains(&joint))
+    }
+
     /// Follows the velocities of the joints.
     fn smooth(&mut self, input: &BalanceInput<'_>) {
         let step = SMOOTH * input.dt;
@@ -250,9 +295,15 @@ impl Balance {
     /// Places the feet, in the desired pose and now, in the axes of the base.
     fn place(&mut self, input: &BalanceInput<'_>) {
         self.carries.fill(false);
-        for (foot, up) in self.feet.iter_mut().zip(&input.up) {
-            foot.stands = up.is_some();
+        for (k, foot) in self.feet.iter_mut().enumerate() {
+            foot.stands = input.up.get(k).is_some_and(Option::is_some);
+            foot.bears = input
+                .bears
+                .get(k)
+                .map_or(0.0, |bears| bears.clamp(0.0, 1.0));
+            foot.lifts = input.lifts.get(k).copied().unwrap_or(false);
             foot.wrench = Vector6::zeros();
+            foot.put_down = foot.put_down.filter(|_| foot.stands);
             for &joint in foot.joints.iter().filter(|_| foot.stands) {
                 if let Some(carries) = self.carries.get_mut(joint) {
                     *carries = true;
@@ -284,13 +335,14 @@ impl Balance {
         let feet = self.feet.iter().zip(&input.up);
         let up = feet.filter_map(|(foot, up)| up.as_ref().map(|up| foot.at.rotation * up));
         let up = up.sum::<Vector3<f64>>().try_normalize(0.1)?;
-        let first = self.feet.iter().find(|foot| foot.stands)?;
-        let along = first.at.rotation * first.sole.axes().column(0);
-        let forward = (along - up * up.dot(&along)).try_normalize(0.1)?;
-        Some(Floor {
-            origin: first.at.act_point(first.sole.origin()),
-            axes: Matrix3::from_columns(&[forward, up.cross(&forward), up]),
-        })
+        let first = self.feet.iter().position(|foot| foot.stands)?;
+        self.floor_of(first, &up)
+    }
+
+    /// The floor as a foot has it.
+    fn floor_of(&self, foot: usize, up: &Vector3<f64>) -> Option<Floor> {
+        let own = self.feet.get(foot)?;
+        Floor::under(foot, &own.sole, &own.at, up)
     }
 
     /// The velocity of the base: the mean of those with which each foot stands still.
@@ -328,71 +380,15 @@ impl Balance {
         crba(&self.model, &mut self.data, &self.q);
     }
 
-    /// The acceleration of the centre of mass, on the floor, that leads it to its place, as far as the soles can hold it.
-    fn lead_center(
-        &mut self,
-        floor: &Floor,
-        input: &BalanceInput<'_>,
-    ) -> Option<(Vector2<f64>, Balanced)> {
-        let center = center_of_mass(&self.model, &self.data);
-        let height = floor.axes.column(2).dot(&(center - floor.origin));
-        let m = self.data.mass_matrix();
-        let mass = m[(0, 0)];
-        let rate = Vector3::from_fn(|k, _| {
-            let products = m.column(k).into_iter().zip(&self.v).map(|(m, v)| m * v);
-            products.sum::<f64>() / mass
-        });
-        let (at, rate) = (floor.of(&center), floor.axes.tr_mul(&rate).xy());
-        let pendulum = (self.gravity / height.max(0.05)).sqrt();
-
-        let soles = Soles::new(&self.feet, floor)?;
-        let depth = depth(soles.hull(), at + rate / pendulum);
-        let led = self.lead(floor, (at, &soles), input);
-        let (near, far) = (pendulum, QUICKER * pendulum);
-        let wanted = near * far * (led.at - at) + (near + far) * (led.rate - rate);
-        let pressure = at - wanted / (pendulum * pendulum);
-        let pressure = soles.middle + nearest_within(soles.held(), 1.0, pressure - soles.middle);
-        let balanced = Balanced {
-            off: (at - led.at).into(),
-            depth,
-            solved: false,
-        };
-        Some(((at - pressure) * pendulum * pendulum, balanced))
-    }
-
-    /// Leads the place for the centre of mass towards the middle of the soles and what is asked for besides.
-    fn lead(
-        &mut self,
-        floor: &Floor,
-        (at, soles): (Vector2<f64>, &Soles),
-        input: &BalanceInput<'_>,
-    ) -> Led {
-        let led = self.led.get_or_insert_with(|| {
-            let forward = floor.axes.tr_mul(&Vector3::x()).xy();
-            Led {
-                at,
-                rate: Vector2::zeros(),
-                forward: forward.try_normalize(0.1).unwrap_or(Vector2::x()),
-            }
-        });
-        let [forward, left] = input.offset;
-        let offset = led.forward * forward + Vector2::new(-led.forward.y, led.forward.x) * left;
-        let target = soles.middle + nearest_within(soles.held(), REACH, offset);
-        let pull = LEADS * LEADS * (target - led.at) - 2.0 * LEADS * led.rate;
-        led.rate += pull * input.dt;
-        led.at += led.rate * input.dt;
-        *led
-    }
-
     /// Feet stand still, the centre of mass is accelerated so, the base turns back.
-    fn set_equations(&mut self, floor: &Floor, task: &Vector2<f64>, input: &BalanceInput<'_>) {
+    fn set_equations(&mut self, floor: &Floor, task: &Vector2<f64>, turn: &Vector3<f64>) {
         let [carrying, besides, of_base] = WEIGHTS;
         let (base, joints) = (self.equations.inverse_weights).split_at_mut(6);
         base.fill(1.0 / of_base);
         for (inverse, carries) in joints.iter_mut().zip(&self.carries) {
             *inverse = 1.0 / if *carries { carrying } else { besides };
         }
-        let [still, center, turn] = SOFTNESS;
+        let [still, center, softly] = SOFTNESS;
         self.equations.clear();
         for foot in self.feet.iter().filter(|foot| foot.stands) {
             let rows = foot.jacobian.row_iter();
@@ -414,39 +410,12 @@ impl Balance {
                 *x = along(&[column[0], column[1], column[2]]);
             }
         }
-        let turn_back = self.turn(input);
-        for (k, wanted) in turn_back.iter().enumerate() {
-            let row = self.equations.equation(*wanted, turn);
+        for (k, wanted) in turn.iter().enumerate() {
+            let row = self.equations.equation(*wanted, softly);
             if let Some(x) = row.get_mut(3 + k) {
                 *x = 1.0;
             }
         }
-    }
-
-    /// The angular acceleration that turns the base to where the desired pose has it, against the feet.
-    fn turn(&mut self, input: &BalanceInput<'_>) -> Vector3<f64> {
-        let (mut error, mut feet) = (Vector3::zeros(), 0.0);
-        let mut desired = [Vector3::zeros(); 2];
-        for foot in self.feet.iter().filter(|foot| foot.stands) {
-            let e = foot.at.rotation * foot.desired.rotation.transpose();
-            error += 0.5 * Vector3::new(e.m32 - e.m23, e.m13 - e.m31, e.m21 - e.m12);
-            let motions = [input.desired[1], input.desired[2]];
-            for (own, motion) in desired.iter_mut().zip(motions) {
-                for (column, x) in foot.jacobian.column_iter().skip(6).zip(motion) {
-                    *own -= column.fixed_rows::<3>(3) * *x;
-                }
-            }
-            feet += 1.0;
-        }
-        let feet = f64::max(feet, 1.0);
-        let [rate, acceleration] = desired.map(|x| x / feet);
-        let now = Vector3::from_fn(|k, _| self.v.get(3 + k).copied().unwrap_or(0.0));
-        let stiff = error / feet * TURNS_BACK * TURNS_BACK;
-        self.found += stiff * (input.dt / FINDS);
-        let most = self.found.norm().max(MOST_FOUND) / MOST_FOUND;
-        self.found /= most;
-        let back = stiff + self.found + 2.0 * TURNS_BACK * (rate - now);
-        (acceleration + back).map(|x| x.clamp(-MOST_TURN, MOST_TURN))
     }
 
     /// The accelerations that the joints would have by their posture alone; those that springs hold, by their reference.
@@ -482,6 +451,7 @@ impl Balance {
             *place = foot.stands.then_some(Sharing {
                 sole: &foot.sole,
                 at,
+                bears: foot.bears,
             });
         }
         let wrenches = share(&total, &feet);

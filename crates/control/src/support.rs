@@ -43,6 +43,8 @@ struct Foot {
     placement: Se3,
     /// Whether the end-effector stands on the ground, and for how long, s.
     bears: bool,
+    /// Share of the robot's weight on it, along up.
+    load: f64,
     stands_s: f64,
     /// Share that it takes, 0 to 1.
     share: f64,
@@ -88,6 +90,7 @@ impl Support {
             body: frame.body,
             placement: frame.placement,
             bears: false,
+            load: 0.0,
             stands_s: 0.0,
             share: 0.0,
             up: Vector3::z(),
@@ -128,10 +131,10 @@ impl Support {
         self.set_angles(q);
         for (foot, contact) in self.feet.iter_mut().zip(contact) {
             let up = foot.at.rotation.tr_mul(&up);
-            let load = Vector3::from(contact.force).dot(&up);
-            if load > BEARS * self.weight {
+            foot.load = Vector3::from(contact.force).dot(&up) / self.weight;
+            if foot.load > BEARS {
                 foot.bears = true;
-            } else if load < BEARS_NO_MORE * self.weight {
+            } else if foot.load < BEARS_NO_MORE {
                 foot.bears = false;
             }
             let (towards, age) = if foot.bears {
@@ -152,6 +155,12 @@ impl Support {
     #[must_use]
     pub fn bears(&self, sensor: usize) -> bool {
         self.feet.get(sensor).is_some_and(|foot| foot.share > 0.0)
+    }
+
+    /// Share of the robot's weight on an end-effector in this very cycle, along up.
+    #[must_use]
+    pub fn load(&self, sensor: usize) -> f64 {
+        self.feet.get(sensor).map_or(0.0, |foot| foot.load)
     }
 
     /// Up in the axes of an F/T sensor, unit vector, where its end-effector bears the robot and has for long enough to

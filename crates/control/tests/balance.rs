@@ -167,6 +167,8 @@ fn torques(
         dq: &dq,
         desired: [&q_d[7..], &still, &ddq_d],
         up,
+        bears: [1.0; MAX_FEET],
+        lifts: [false; MAX_FEET],
         offset,
         dt: DT,
     };
@@ -266,6 +268,8 @@ fn what_cannot_balance_is_no_balance() {
         dq: &still,
         desired: [&q, &still, &still],
         up: [None; MAX_FEET],
+        bears: [1.0; MAX_FEET],
+        lifts: [false; MAX_FEET],
         offset: [0.0; 2],
         dt: DT,
     };

@@ -35,6 +35,7 @@ mod sensors;
 mod several_imus;
 mod slow_drifts;
 mod standing;
+mod stepping;
 mod switched_off;
 mod thermal;
 mod torque_faults;

@@ -437,8 +437,10 @@ typedef struct TorquedCommandedRecord {
   TorquedJointCommanded joints[64];
   /** The frames of mode Cartesian, in config order; all zeros while a client uses none. */
   TorquedFrameCommanded frames[4];
+  /** Mode stand: bit s is 1 where the robot stands on the foot of F/T sensor s; 0 in other modes. */
+  uint64_t stands_on;
 } TorquedCommandedRecord;
-TORQUED_SIZE(TorquedCommandedRecord, 9344);
+TORQUED_SIZE(TorquedCommandedRecord, 9352);
 
 typedef struct TorquedCycleRecord {
   /** Cycle number since start. */
@@ -476,7 +478,7 @@ typedef struct TorquedCycleRecord {
   /** Count of each event since start, in the order of `Event::ALL`. */
   uint64_t events[64];
 } TorquedCycleRecord;
-TORQUED_SIZE(TorquedCycleRecord, 31768);
+TORQUED_SIZE(TorquedCycleRecord, 31776);
 
 typedef struct TorquedLoopRecord {
   /** Cycles run. */
@@ -506,7 +508,7 @@ typedef struct TorquedSharedRecord {
   /** The loop around it. */
   TorquedLoopRecord timing;
 } TorquedSharedRecord;
-TORQUED_SIZE(TorquedSharedRecord, 31840);
+TORQUED_SIZE(TorquedSharedRecord, 31848);
 
 typedef struct TorquedDescription {
   /** The robot's name. */
@@ -607,8 +609,8 @@ typedef struct TorquedReference {
   uint32_t contact_wrench_given;
   /** 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode. */
   uint32_t gains_given;
-  /** Fills the record to a multiple of eight bytes. */
-  uint32_t reserved;
+  /** Mode stand: bit s is 1 where the client lifts the foot of F/T sensor s. The robot stands on the others alone before it is free (`stands_on` of the record), then its joints follow `q_d` from where they are. */
+  uint32_t lifted_feet;
   /** The joints, in config order. */
   TorquedJointReference joints[64];
   /** f_d: desired wrench of the environment on each end-effector, at the frame of its F/T sensor, in config order (mode inverse dynamics). */

@@ -18,6 +18,8 @@ pub(super) const EDGE: f64 = 0.1;
 /// Share of the weight that each of several feet bears at least: one that bears less is about to lift. Chosen: above the
 /// share from which on a foot bears (`BEARS` of crates/control/src/support.rs).
 pub(super) const LOAD: f64 = 0.12;
+/// Least share by which the sharing counts a foot: it stays regular.
+const LEAST_SHARE: f64 = 1e-3;
 /// Rounds in which what is missing is shared again. Chosen on the drawn wrenches of the tests below, of which they leave
 /// less than 1 % of the greatest force.
 const ROUNDS: usize = 40;
@@ -30,6 +32,19 @@ pub(super) struct Sharing<'a> {
     pub(super) sole: &'a Sole,
     /// Placement of its F/T sensor's frame in the axes of the total wrench.
     pub(super) at: Se3,
+    /// Greatest share of the total force that it bears, 0 to 1.
+    pub(super) bears: f64,
+}
+
+impl Sharing<'_> {
+    /// Greatest normal force that it bears of such a force in all; one that may bear all is not bounded.
+    fn most(&self, force: f64) -> f64 {
+        if self.bears < 1.0 {
+            self.bears * force
+        } else {
+            f64::INFINITY
+        }
+    }
 }
 
 /// From a wrench on the sole's middle in the sole's axes to one at the origin of `at`'s axes.
@@ -66,6 +81,7 @@ pub(super) fn share(
         // A moment costs as much as the force that makes it at half the way to the edge.
         costs[k] = Vector6::new(1.0, 1.0, 1.0, y * y, x * x, x * y) * 0.25;
         costs[k].fixed_rows_mut::<3>(0).fill(1.0);
+        costs[k] *= foot.bears.max(LEAST_SHARE);
         maps[k] = map(foot);
         balance += maps[k] * Matrix6::from_diagonal(&costs[k]) * maps[k].transpose();
     }
@@ -73,11 +89,7 @@ pub(super) fn share(
         return own;
     };
     let several = feet.iter().flatten().count() > 1;
-    let load = if several {
-        LOAD * total.fixed_rows::<3>(0).norm()
-    } else {
-        0.0
-    };
+    let force = total.fixed_rows::<3>(0).norm();
     let mut missing = *total;
     for _ in 0..ROUNDS {
         let multipliers = factor.solve(&missing);
@@ -85,7 +97,12 @@ pub(super) fn share(
         for (k, foot) in feet.iter().enumerate().take(MAX_FEET) {
             let Some(foot) = foot else { continue };
             own[k] += (maps[k].transpose() * multipliers).component_mul(&costs[k]);
-            own[k] = within(&own[k], foot.sole, load);
+            let bounds = if several {
+                [LOAD * foot.bears * force, foot.most(force)]
+            } else {
+                [0.0, f64::INFINITY]
+            };
+            own[k] = within(&own[k], foot.sole, bounds);
             missing -= maps[k] * own[k];
         }
         if missing.amax() < LEAST {
@@ -102,9 +119,9 @@ pub(super) fn share(
     shared
 }
 
-/// A wrench on the sole's middle, in its axes, as the ground can apply it, with that normal force at least.
-fn within(wrench: &Vector6<f64>, sole: &Sole, load: f64) -> Vector6<f64> {
-    let normal = wrench[2].max(load);
+/// A wrench on the sole's middle, in its axes, as the ground can apply it, with a normal force within these bounds.
+fn within(wrench: &Vector6<f64>, sole: &Sole, [least, most]: [f64; 2]) -> Vector6<f64> {
+    let normal = wrench[2].max(least).min(most);
     if normal <= 0.0 {
         return Vector6::zeros();
     }
@@ -142,7 +159,11 @@ mod tests {
     fn two(sole: &Sole) -> [Option<Sharing<'_>>; 2] {
         [0.1, -0.1].map(|y| {
             let at = Se3::from_xyz_rpy([0.03, y, -0.8], [0.02, -0.03, 0.1 * y]);
-            Some(Sharing { sole, at })
+            Some(Sharing {
+                sole,
+                at,
+                bears: 1.0,
+            })
         })
     }
 
@@ -209,6 +230,7 @@ mod tests {
             Some(Sharing {
                 sole: &sole,
                 at: Se3::from_xyz_rpy([0.0, y, -0.8], [0.0; 3]),
+                bears: 1.0,
             })
         };
         let feet = [at(0.1), at(-0.1)];
@@ -226,6 +248,24 @@ mod tests {
             shared[0],
             shared[1]
         );
+    }
+
+    #[test]
+    fn a_foot_bears_no_more_than_its_share() {
+        let sole = sole();
+        let mut feet = two(&sole);
+        for bears in [0.4, 0.2, 0.05, 0.0] {
+            if let Some(foot) = &mut feet[1] {
+                foot.bears = bears;
+            }
+            let over_left = 0.1 - 0.5 * bears * 0.2;
+            let total = Vector6::new(0.0, 0.0, 560.0, 560.0 * over_left, -560.0 * 0.03, 0.0);
+            let shared = share(&total, &feet);
+            let missing = sum(&shared) - total;
+            assert!(missing.amax() < 0.01 * 560.0, "{missing} at {bears}");
+            let own = map(&feet[1].unwrap()).try_inverse().unwrap() * shared[1];
+            assert!(own[2] <= bears * 560.0 + 1e-6, "{own} at {bears}");
+        }
     }
 
     #[test]

@@ -2,17 +2,18 @@
 //!
 //! The robot's own dynamics make torques of the accelerations that [`crate::Balance`] asks for, so that none of its
 //! tasks depends on another: each is a loop through one number. It is opened at the torque, which follows the desired
-//! one by a response `T` that all joints of the legs are taken to share, as the slowest of them has it. With the
-//! low-pass `F` of the velocities:
+//! one by a response `T` that all joints of the legs are taken to share, as the slowest of them has it. A law
+//! `k x + d v`, whose velocity is that of an observer of frequency `o`, which knows the acceleration asked for, is
+//! `C = (k (s + o)³ + d s (3 o² s + o³)) / ((s + o)³ + d s (s + 3 o))`:
 //!
-//! - The centre of mass is a pendulum that falls by `w = sqrt(g / height)`:
-//!   `L = T (1 + q) w (w + s F) / (s² - w²)`, `q w` its quicker pole.
-//! - The base is an inertia: `L = T (b² + 2 b s F + b² / (s t)) / s²`, `1 / t` of an integral.
+//! - The centre of mass is a pendulum that falls by `w = sqrt(g / height)`: `L = T (w² + C) / (s² - w²)`, with
+//!   `k = q w²` and `d = (1 + q) w`, `q w` its quicker pole.
+//! - The base is an inertia: `L = T (C + b² / (s t)) / s²`, with `k = b²` and `d = 2 b`, `1 / t` of an integral.
 
 use super::Margins;
 use super::response::{Point, between, least_distances};
 use crate::Sole;
-use crate::balance::{FINDS, QUICKER, SMOOTH, TURNS_BACK};
+use crate::balance::{FINDS, OBSERVES, QUICKER, TURNS_BACK};
 use dynamics::{Base, Data, Model, center_of_mass, forward_kinematics, frame_placement};
 use nalgebra::{Complex, Vector3};
 use std::f64::consts::{PI, TAU};
@@ -52,24 +53,28 @@ pub fn pendulum(model: &Model, feet: &[(usize, Sole)]) -> Option<f64> {
 pub fn standing(pendulum: f64, torque: &[Point]) -> [StandingMargins; 2] {
     let (w, b) = (pendulum, TURNS_BACK);
     let center = |s: Complex<f64>| {
-        let smooth = s / (s / SMOOTH + 1.0);
-        (smooth + w) * ((1.0 + QUICKER) * w) / (s * s - w * w)
+        (observed(s, QUICKER * w * w, (1.0 + QUICKER) * w) + w * w) / (s * s - w * w)
     };
-    let base = |s: Complex<f64>| {
-        let smooth = s / (s / SMOOTH + 1.0);
-        (smooth * (2.0 * b) + s.inv() * (b * b / FINDS) + b * b) / (s * s)
-    };
+    let base =
+        |s: Complex<f64>| (observed(s, b * b, 2.0 * b) + s.inv() * (b * b / FINDS)) / (s * s);
     let mut open = of(torque, center);
     // At rest the torque is the desired one.
     open.insert(
         0,
         Point {
             frequency: 0.0,
-            re: -(1.0 + QUICKER),
+            re: center(Complex::new(0.0, 0.0)).re,
             im: 0.0,
         },
     );
     [judged(&open), judged(&of(torque, base))]
+}
+
+/// `C`: the acceleration that a law with an observed velocity asks for against a way.
+fn observed(s: Complex<f64>, k: f64, d: f64) -> Complex<f64> {
+    let o = OBSERVES;
+    let poles = (s + o) * (s + o) * (s + o);
+    (poles * k + s * (s * (3.0 * o * o) + o * o * o) * d) / (poles + s * (s + 3.0 * o) * d)
 }
 
 fn of(torque: &[Point], law: impl Fn(Complex<f64>) -> Complex<f64>) -> Vec<Point> {
@@ -139,17 +144,29 @@ mod tests {
     /// Where a pendulum or a base is after some seconds, in steps of 0.1 ms, of what it was at their beginning.
     fn left(task: usize, bandwidth: f64, delay: f64, gain: f64) -> f64 {
         let dt = 1e-4;
-        let (mut x, mut v, mut smooth, mut made, mut found) = (1.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut x, mut v, mut made, mut found) = (1.0, 0.0, 0.0, 0.0);
+        // Of the observer: where it is, its velocity, the acceleration that lasts, and that which was asked for.
+        let (mut seen, mut rate, mut lasts, mut wanted) = (1.0, 0.0, 0.0, 0.0);
         let mut late: VecDeque<f64> = vec![0.0; (delay / dt).round() as usize].into();
         let mut most = [0.0_f64; 2];
         let steps = 120_000;
         for k in 0..steps {
-            smooth += SMOOTH * dt * (v - smooth);
+            let error = x - seen;
+            let o = OBSERVES;
+            seen += (rate + 3.0 * o * error) * dt;
+            rate += (wanted + lasts + 3.0 * o * o * error) * dt;
+            lasts += o * o * o * error * dt;
             let (b, w) = (TURNS_BACK, W);
             found += b * b / FINDS * x * dt;
             let asked = match task {
-                0 => (1.0 + QUICKER) * w * (w * x + smooth),
-                _ => b * b * x + 2.0 * b * smooth + found,
+                0 => {
+                    wanted = -QUICKER * w * w * x - (1.0 + QUICKER) * w * rate;
+                    w * w * x - wanted
+                }
+                _ => {
+                    wanted = -b * b * x - 2.0 * b * rate;
+                    found - wanted
+                }
             };
             late.push_back(gain * asked);
             made += bandwidth * dt * (late.pop_front().unwrap_or(asked) - made);

@@ -88,6 +88,11 @@ impl RigidBody {
         &mut self.torques
     }
 
+    /// Share of the robot's weight on the end-effector beyond an F/T sensor.
+    pub(crate) fn load(&self, sensor: usize) -> f64 {
+        self.support.load(sensor)
+    }
+
     /// Up in the axes of an F/T sensor beyond which the robot stands on the ground; none where it does not.
     pub(crate) fn ground_under(&self, sensor: usize) -> Option<Vector3<f64>> {
         self.support.ground_under(sensor)

@@ -7,15 +7,17 @@
 //! they show since then as far as a gear explains it. A leg has no spring: an F/T sensor that steps by 10 N·m, and is
 //! believed, moves it by 6 degrees.
 
+mod footing;
+
 use control::{Balance, BalanceInput, MAX_FEET};
-use nalgebra::Vector3;
+use footing::Footing;
 use robot_config::Robot;
 use robot_state::{CommandedRecord, Mode, Reference};
 
 use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Feedback, Follow, JointGoal, Made, RigidBody, RigidBodyTorque, Task,
-    Unfit,
+    Asked, Bounds, ClientMode, Feedback, Follow, JointGoal, Made, RigidBody, RigidBodyTorque,
+    Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -23,10 +25,6 @@ use crate::inputs::Seen;
 /// Chosen on the simulated humanoid: what soles and angles are known by.
 const OUTSIDE_M: f64 = 0.03;
 const OUTSIDE_S: f64 = 0.1;
-/// Time for which a foot may bear nothing, s: in a push it may be lighter than [`control::Balance`] wants it. Chosen on
-/// the simulated humanoid, pushed by 60 N.
-const LIFTED_S: f64 = 0.2;
-
 /// Change of a level that a gear explains: its hysteresis, share of the torque limit, and its stiffness, share of the
 /// change of the torque. What is beyond is an F/T sensor's, and not followed. Chosen on gears of two worlds, whose
 /// hysteresis is 0.7 and 1.5 % and whose stiffness 7 % other than configured (docs/results/standing.md).
@@ -34,14 +32,6 @@ const HYSTERESIS: f64 = 0.015;
 const STIFFNESS: f64 = 0.1;
 /// Time constant with which a level is followed and left, s: a torque does not step. Chosen; no experiment recorded.
 const LEVEL_S: f64 = 0.05;
-
-/// Time for which a foot must have stood until where up is in its axes is not taken anew, s: up is a mean since then.
-/// Chosen; no experiment recorded.
-const KNOWN_S: f64 = 1.0;
-/// Turn of up in the axes of every foot since it was taken at which the mode ends, rad: the IMU errs, or the ground tilts.
-/// Chosen: 1 degree, the bound of what a fault may move. Pushes of 60 N turn it by less than 0.6 degrees in two worlds
-/// (docs/results/standing.md).
-const TILTED: f64 = core::f64::consts::PI / 180.0;
 
 /// Offset that is added to a joint's torque by torsion, N·m.
 #[derive(Debug, Clone, Copy)]
@@ -56,13 +46,7 @@ struct Level {
 #[derive(Debug)]
 struct Stand {
     balance: Balance,
-    /// F/T sensor of each foot.
-    sensors: Vec<usize>,
-    /// Feet on which the robot stands since the mode began.
-    stands_on: [bool; MAX_FEET],
-    /// Up in the axes of their sensors as it was taken, and for how long they bear nothing, s.
-    up: [Vector3<f64>; MAX_FEET],
-    lifted_s: [f64; MAX_FEET],
+    footing: Footing,
     /// Place of each joint, in config order, in the model.
     model_index: Vec<usize>,
     /// Of the joints in the order of the model.
@@ -71,7 +55,12 @@ struct Stand {
     desired: [Vec<f64>; 3],
     /// Torque limit of each joint, N·m, in config order, and its level; none until it is known.
     levels: Vec<(f64, Option<Level>)>,
+    /// How far a joint of a leg that was lifted is beside its reference, rad, in config order: by as much as it was then,
+    /// and what keeps the sole parallel to the ground.
+    beside: Vec<Option<f64>>,
     outside_s: f64,
+    /// How far inside the places where the centre of pressure may be the capture point was, m.
+    reserve: f64,
 }
 
 pub(super) fn make(robot: &Robot) -> Made {
@@ -88,23 +77,24 @@ pub(super) fn make(robot: &Robot) -> Made {
     let zeros = || vec![0.0; robot.model.joint_count()];
     let stand = Balance::new(&robot.model, &feet).map(|balance| Stand {
         balance,
-        sensors,
-        stands_on: [false; MAX_FEET],
-        up: [Vector3::z(); MAX_FEET],
-        lifted_s: [0.0; MAX_FEET],
+        footing: Footing::new(&sensors),
         model_index: p.joints.iter().map(|joint| joint.model_index).collect(),
         q: zeros(),
         dq: zeros(),
         desired: [zeros(), zeros(), zeros()],
         levels: limits.map(|limit| (limit, None)).collect(),
+        beside: vec![None; p.joints.len()],
         outside_s: 0.0,
+        reserve: 0.0,
     });
     Ok(stand.map(|stand| Box::new(stand) as Box<dyn ClientMode>))
 }
 
 impl ClientMode for Stand {
     fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool {
-        bounds.softened(reference) && bounds.motions(reference)
+        bounds.softened(reference)
+            && bounds.motions(reference)
+            && self.footing.may_lift(reference.lifted_feet)
     }
 
     fn set_tasks(
@@ -112,10 +102,18 @@ impl ClientMode for Stand {
         asked: &Asked<'_>,
         seen: &Seen<'_>,
         body: &mut RigidBody,
-        _: &mut CommandedRecord,
+        commanded: &mut CommandedRecord,
         tasks: &mut [Task],
     ) -> Result<(), Unfit> {
-        let up = self.ground(asked.begins, body, seen.dt)?;
+        if asked.begins {
+            self.begin(body)?;
+        }
+        let (lifted, reserve) = (asked.reference.lifted_feet, self.reserve);
+        let balance = &self.balance;
+        let near = |foot| balance.above_ground(foot);
+        self.footing
+            .update((lifted, reserve), body, near, seen.dt)?;
+        commanded.stands_on = self.footing.stands_on();
         self.take(asked, seen);
         self.level(asked.begins, seen);
         let [q_d, dq_d, ddq_d] = &self.desired;
@@ -123,11 +121,14 @@ impl ClientMode for Stand {
             q: &self.q,
             dq: &self.dq,
             desired: [q_d, dq_d, ddq_d],
-            up,
+            up: self.footing.up(),
+            bears: self.footing.bears(),
+            lifts: self.footing.lifts(),
             offset: asked.reference.center_of_mass_offset,
             dt: seen.dt,
         };
         let (torques, balanced) = self.balance.update(&input).ok_or(Unfit::Balance)?;
+        self.reserve = balanced.reserve;
         let outside = balanced.depth < -OUTSIDE_M;
         self.outside_s = if outside {
             self.outside_s + seen.dt
@@ -147,11 +148,15 @@ impl ClientMode for Stand {
                 ..tracking(asked, body, j)
             };
             let carries = self.balance.carries(place);
-            let spring = follow.spring.filter(|_| !carries);
+            let beside = self.beside.get(j).copied().flatten();
+            let spring = follow.spring.filter(|_| !carries).map(|spring| Spring {
+                q_d: spring.q_d + beside.unwrap_or(0.0),
+                ..spring
+            });
             let level = self.levels.get(j).and_then(|(_, level)| *level);
             *task = Task {
                 feedback: level
-                    .filter(|_| carries)
+                    .filter(|_| carries || beside.is_some())
                     .map_or(Feedback::default(), |level| Feedback::Torsion {
                         offset: level.now,
                     }),
@@ -160,60 +165,22 @@ impl ClientMode for Stand {
         }
         Ok(())
     }
+
+    fn idle(&mut self, _: &Seen<'_>, commanded: &mut CommandedRecord) {
+        commanded.stands_on = 0;
+    }
 }
 
 impl Stand {
-    /// Up in the axes of each foot on which the robot stands: of those that bear it when the mode begins. A foot stands
-    /// still, so up in its axes does too, and is not taken anew once it is known.
+    /// Begins on the feet that bear the robot.
     ///
     /// # Errors
-    /// No foot bears the robot, or one does no more. Up turns under every foot.
-    fn ground(
-        &mut self,
-        begins: bool,
-        body: &RigidBody,
-        dt: f64,
-    ) -> Result<[Option<Vector3<f64>>; MAX_FEET], Unfit> {
-        let mut up = [None; MAX_FEET];
-        let mut lost = 0;
-        let mut least_turned = f64::INFINITY;
-        for (foot, &sensor) in self.sensors.iter().enumerate() {
-            let under = body.ground_under(sensor);
-            if begins {
-                self.stands_on[foot] = under.is_some();
-            }
-            if let Some(under) = under.filter(|_| begins || body.stands_for(sensor) < KNOWN_S) {
-                self.up[foot] = under;
-            }
-            let lifted = if under.is_some() {
-                0.0
-            } else {
-                self.lifted_s[foot] + dt
-            };
-            self.lifted_s[foot] = lifted;
-            if self.stands_on[foot] {
-                up[foot] = Some(self.up[foot]);
-                let turned = under.map_or(0.0, |under| (under - self.up[foot]).norm());
-                least_turned = least_turned.min(turned);
-            }
-            if self.stands_on[foot] && lifted > LIFTED_S {
-                lost |= 1 << sensor;
-            }
-        }
-        if begins {
-            self.balance.restart();
-            self.outside_s = 0.0;
-            if up.iter().all(Option::is_none) {
-                lost = self.sensors.iter().fold(0, |bits, s| bits | 1 << s);
-            }
-        }
-        if lost != 0 {
-            Err(Unfit::FtSensors(lost))
-        } else if least_turned > TILTED {
-            Err(Unfit::Imu)
-        } else {
-            Ok(up)
-        }
+    /// No foot bears it.
+    fn begin(&mut self, body: &RigidBody) -> Result<(), Unfit> {
+        self.balance.restart();
+        self.beside.fill(None);
+        (self.outside_s, self.reserve) = (0.0, 0.0);
+        self.footing.begin(body)
     }
 
     /// Follows the levels of the torques by torsion from those on which they were when the mode began.
@@ -247,10 +214,24 @@ impl Stand {
             let reference = asked.of_joint(j);
             self.q[place] = measured.q;
             self.dq[place] = seen.velocity(j);
+            if let Some(beside) = self.beside.get_mut(j) {
+                let lifted =
+                    (self.footing.lifted()).any(|(foot, _)| self.balance.is_of(place, foot));
+                *beside = lifted.then(|| beside.unwrap_or(measured.q - reference.q_d));
+            }
             let [q_d, dq_d, ddq_d] = &mut self.desired;
             q_d[place] = reference.q_d;
             dq_d[place] = reference.dq_d;
             ddq_d[place] = reference.ddq_d;
+        }
+        for (foot, below) in self.footing.lifted() {
+            self.balance.lead_sole(foot, below, |place, rate| {
+                let joint = self.model_index.iter().position(|own| *own == place);
+                let beside = joint.and_then(|j| self.beside.get_mut(j)?.as_mut());
+                if let Some(beside) = beside {
+                    *beside += rate * seen.dt;
+                }
+            });
         }
     }
 }

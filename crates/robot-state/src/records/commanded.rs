@@ -77,5 +77,7 @@ record! {
         pub joints: [JointCommanded; MAX_JOINTS],
         /// The frames of mode Cartesian, in config order; all zeros while a client uses none.
         pub frames: [FrameCommanded; MAX_FRAMES],
+        /// Mode stand: bit s is 1 where the robot stands on the foot of F/T sensor s; 0 in other modes.
+        pub stands_on: u64,
     }
 }

@@ -155,8 +155,9 @@ record! {
         pub contact_wrench_given: u32,
         /// 1: the joints' `stiffness` and `damping` hold; 0: those of the configuration for the mode.
         pub gains_given: u32,
-        /// Fills the record to a multiple of eight bytes.
-        pub reserved: u32,
+        /// Mode stand: bit s is 1 where the client lifts the foot of F/T sensor s. The robot stands on the others alone
+        /// before it is free (`stands_on` of the record), then its joints follow `q_d` from where they are.
+        pub lifted_feet: u32,
         /// The joints, in config order.
         pub joints: [JointReference; MAX_JOINTS],
         /// f_d: desired wrench of the environment on each end-effector, at the frame of its F/T

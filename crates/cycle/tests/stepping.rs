@@ -1,0 +1,154 @@
+//! A humanoid that lifts its feet in mode stand.
+
+use crate::common;
+
+use common::motion::Motion;
+use common::{Bench, client_input, spoil_ft, spoil_source};
+use control::Stepping;
+use robot_config::slots::Source;
+use robot_state::{Event, Mode, Reference};
+
+/// Of the left foot's F/T sensor, the first one, and of the right foot's.
+const LEFT: u32 = 1;
+const RIGHT: u32 = 2;
+const RISE_M: f64 = 0.03;
+
+/// The humanoid holds; a reference of mode stand, and steps from its pose.
+fn begun() -> (Bench, Reference, Stepping) {
+    let mut bench = Bench::new("humanoid");
+    bench.run(1000);
+    let reference = bench.reference(Mode::Stand.number(), 1);
+    let p = &bench.robot.parameters;
+    let places: Vec<usize> = p.joints.iter().map(|joint| joint.model_index).collect();
+    let feet = p
+        .ft_sensors
+        .iter()
+        .enumerate()
+        .filter(|(_, ft)| ft.sole.is_some());
+    let frame = |name: &str| bench.robot.model.frame_index(name).unwrap();
+    let feet: Vec<_> = feet.map(|(s, ft)| (s, frame(&ft.sensor.frame))).collect();
+    let joints = reference.joints.iter().take(places.len());
+    let pose: Vec<f64> = joints.map(|joint| joint.q_d).collect();
+    let stepping = Stepping::new(&bench.robot.model, &places, &feet, &pose, RISE_M).unwrap();
+    (bench, reference, stepping)
+}
+
+/// A cycle of the client that steps.
+fn step(bench: &mut Bench, reference: &mut Reference, stepping: &mut Stepping) {
+    let on = bench.cycle.record().commanded.stands_on;
+    assert!(
+        stepping.update(on, reference, 1e-3),
+        "a foot is awaited in vain"
+    );
+    reference.sequence += 1;
+    bench.step(&client_input(reference));
+}
+
+/// Angle between the base's orientations, degrees.
+fn turned(bench: &Bench, begun: &[f64; 4]) -> f64 {
+    let now = bench.plant.truth().base_orientation;
+    let dot: f64 = now.iter().zip(begun).map(|(a, b)| a * b).sum();
+    2.0 * dot.abs().min(1.0).acos().to_degrees()
+}
+
+#[test]
+fn it_steps_in_place() {
+    let (mut bench, mut reference, mut stepping) = begun();
+    let begun = bench.plant.truth().base_orientation;
+    let (mut most, mut highest) = (0.0_f64, [0.0_f64; 2]);
+    for _ in 0..18_000 {
+        step(&mut bench, &mut reference, &mut stepping);
+        let record = bench.cycle.record();
+        assert_eq!((record.fault, record.mode), (0, Mode::Stand.number()));
+        most = most.max(turned(&bench, &begun));
+        let on = record.commanded.stands_on;
+        for (foot, highest) in highest.iter_mut().enumerate() {
+            let in_air = on >> foot & 1 == 0;
+            let load = record.estimated.ft[foot].contact_wrench.force[2];
+            *highest = highest.max(if in_air { -load } else { f64::NEG_INFINITY });
+        }
+    }
+    assert!(stepping.steps() >= 4, "{} steps", stepping.steps());
+    assert!(
+        most > 0.3 && most < 3.0,
+        "the base turned by {most} degrees"
+    );
+    // In the air a sensor shows nothing, or the ground that it has just met.
+    assert!(highest.iter().all(|load| *load < 30.0), "{highest:?}");
+}
+
+/// The robot on one foot: the other one is lifted, and stays in the air.
+fn on_one_foot(lifted: u32) -> (Bench, Reference) {
+    let (mut bench, mut reference, _) = begun();
+    reference.lifted_feet = lifted;
+    for _ in 0..5000 {
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+    }
+    let on = bench.cycle.record().commanded.stands_on;
+    assert_eq!(on, u64::from(3 - lifted), "it stands on the other foot");
+    (bench, reference)
+}
+
+#[test]
+fn it_stands_on_one_foot() {
+    for lifted in [LEFT, RIGHT] {
+        let (mut bench, mut reference) = on_one_foot(lifted);
+        let begun = bench.plant.truth().base_orientation;
+        let mut motion = Motion::of(&bench);
+        for _ in 0..3000 {
+            reference.sequence += 1;
+            bench.step(&client_input(&reference));
+            motion.take(&bench);
+        }
+        assert_eq!(bench.cycle.record().mode, Mode::Stand.number());
+        assert!(turned(&bench, &begun) < 1.5, "{}", turned(&bench, &begun));
+        let way = motion.displacement_deg();
+        assert!(way < 1.5, "{lifted}: {way} degrees");
+    }
+}
+
+/// A sensor that shows a load under a foot that the client still lifts, and an IMU that errs, move no leg.
+#[test]
+fn on_one_foot_sensors_that_err_move_no_leg() {
+    type Spoil = fn(&mut Bench);
+    let cases: [(&str, Spoil); 2] = [
+        ("the lifted foot's sensor", |bench| {
+            spoil_ft(bench, |axes| axes[2] += 200.0)
+        }),
+        ("the accelerometer", |bench| {
+            spoil_source(bench, Source::Imu(0), |axes| axes[4] += 1.0);
+        }),
+    ];
+    for (what, spoil) in cases {
+        let (mut bench, mut reference) = on_one_foot(LEFT);
+        let mut motion = Motion::of(&bench);
+        for _ in 0..3000 {
+            bench.gather();
+            spoil(&mut bench);
+            reference.sequence += 1;
+            bench.compute(&client_input(&reference));
+            motion.take(&bench);
+            assert_ne!(bench.cycle.record().commanded.stands_on, 3, "{what}");
+        }
+        motion.assert_small(what);
+    }
+}
+
+#[test]
+fn the_last_foot_is_not_lifted() {
+    let (mut bench, mut reference, _) = begun();
+    for lifted in [3, 1 << 7] {
+        reference.lifted_feet = lifted;
+        reference.sequence += 1;
+        bench.step(&client_input(&reference));
+        bench.step(&client_input(&reference));
+        let record = bench.cycle.record();
+        assert_eq!(
+            record.commander.cause,
+            Event::ReferenceLimit.number(),
+            "{lifted}"
+        );
+        assert_ne!(record.mode, Mode::Stand.number());
+    }
+}
