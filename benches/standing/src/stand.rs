@@ -207,20 +207,11 @@ fn of_pose(cycle: &Cycle, mode: Mode) -> Reference {
     reference
 }
 
-/// Steps in place from the pose of a reference, with the feet whose soles are known.
+/// Steps in place from the pose of a reference.
 fn of_steps(robot: &Robot, reference: &Reference) -> Result<Stepping, String> {
-    let p = &robot.parameters;
-    let places: Vec<usize> = p.joints.iter().map(|joint| joint.model_index).collect();
-    let feet = p
-        .ft_sensors
-        .iter()
-        .enumerate()
-        .filter(|(_, ft)| ft.sole.is_some());
-    let feet = feet.filter_map(|(s, ft)| Some((s, robot.model.frame_index(&ft.sensor.frame)?)));
-    let feet: Vec<(usize, usize)> = feet.collect();
-    let joints = reference.joints.iter().take(places.len());
+    let joints = (reference.joints.iter()).take(robot.parameters.joints.len());
     let pose: Vec<f64> = joints.map(|joint| joint.q_d).collect();
-    let stepping = Stepping::new(&robot.model, &places, &feet, &pose, RISE_M);
+    let stepping = robot.stepping(&pose, RISE_M);
     stepping.ok_or_else(|| "no two feet that can be lifted so far".to_owned())
 }
 

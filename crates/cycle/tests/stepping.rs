@@ -18,18 +18,9 @@ fn begun() -> (Bench, Reference, Stepping) {
     let mut bench = Bench::new("humanoid");
     bench.run(1000);
     let reference = bench.reference(Mode::Stand.number(), 1);
-    let p = &bench.robot.parameters;
-    let places: Vec<usize> = p.joints.iter().map(|joint| joint.model_index).collect();
-    let feet = p
-        .ft_sensors
-        .iter()
-        .enumerate()
-        .filter(|(_, ft)| ft.sole.is_some());
-    let frame = |name: &str| bench.robot.model.frame_index(name).unwrap();
-    let feet: Vec<_> = feet.map(|(s, ft)| (s, frame(&ft.sensor.frame))).collect();
-    let joints = reference.joints.iter().take(places.len());
+    let joints = (reference.joints.iter()).take(bench.robot.parameters.joints.len());
     let pose: Vec<f64> = joints.map(|joint| joint.q_d).collect();
-    let stepping = Stepping::new(&bench.robot.model, &places, &feet, &pose, RISE_M).unwrap();
+    let stepping = bench.robot.stepping(&pose, RISE_M).unwrap();
     (bench, reference, stepping)
 }
 

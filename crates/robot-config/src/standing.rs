@@ -1,6 +1,7 @@
 //! Standing: what a robot needs for mode stand.
 
 use crate::Robot;
+use control::Stepping;
 use dynamics::Base;
 use problem::Problem;
 
@@ -32,5 +33,17 @@ impl Robot {
             );
         }
         None
+    }
+    /// Steps in place of a robot that stands at `pose` (rad or m, config order), whose feet rise so far, m; none for a
+    /// robot with less than two feet that can.
+    #[must_use]
+    pub fn stepping(&self, pose: &[f64], rise: f64) -> Option<Stepping> {
+        let p = &self.parameters;
+        let places: Vec<usize> = p.joints.iter().map(|joint| joint.model_index).collect();
+        let feet = p.ft_sensors.iter().enumerate();
+        let feet = feet.filter(|(_, ft)| ft.sole.is_some());
+        let feet = feet.filter_map(|(s, ft)| Some((s, self.model.frame_index(&ft.sensor.frame)?)));
+        let feet: Vec<(usize, usize)> = feet.collect();
+        Stepping::new(&self.model, &places, &feet, pose, rise)
     }
 }
