@@ -31,6 +31,9 @@ const SINKS_S: f64 = 1.0;
 /// takes it, s. Chosen on the simulated humanoid (docs/results/standing.md).
 const GIVES_S: f64 = 0.5;
 const TAKES_S: f64 = 1.2;
+/// Share of the weight, for each share that it may bear, that a foot must bear to be counted on more: two thirds of the least
+/// that [`control::Balance`] asks it to bear. Chosen on the humanoid in MuJoCo, whose joints stick.
+const FELT: f64 = 0.08;
 /// Share that a foot that has come back may bear at once. Chosen: of it [`control::Balance`] asks the foot to bear enough
 /// to be felt.
 const COMES_WITH: f64 = 0.25;
@@ -168,7 +171,7 @@ impl Footing {
                 } else {
                     foot.lifted_s + dt
                 };
-                foot.stand(under, reserve, body.stands_for(foot.sensor), dt);
+                foot.stand(under, [reserve, load, body.stands_for(foot.sensor)], dt);
                 if foot.lifted_s > LIFTED_S && !foot.lifts {
                     if foot.bears < 1.0 && bears_all {
                         // It has touched the ground, and does not stand on it yet.
@@ -237,8 +240,9 @@ impl Footing {
 }
 
 impl Foot {
-    /// A cycle passes in which it stands; `stands_s`: for how long it bears.
-    fn stand(&mut self, under: Option<Vector3<f64>>, reserve: f64, stands_s: f64, dt: f64) {
+    /// A cycle passes in which it stands: with the reserve of the others, its share of the weight, and the time for which
+    /// it bears.
+    fn stand(&mut self, under: Option<Vector3<f64>>, [reserve, load, stands_s]: [f64; 3], dt: f64) {
         match under {
             Some(under) if self.by_others => {
                 let share = dt / (dt + SINKS_S) * (stands_s / KNOWN_S).min(1.0);
@@ -248,7 +252,9 @@ impl Foot {
             _ => {}
         }
         if !self.lifts {
-            self.bears = (self.bears + dt / TAKES_S).min(1.0);
+            if load >= FELT * self.bears {
+                self.bears = (self.bears + dt / TAKES_S).min(1.0);
+            }
         } else if reserve > RESERVE_M {
             self.bears -= dt / GIVES_S;
             if self.bears <= 0.0 {
