@@ -15,16 +15,19 @@ use torqued_client::{Client, Commander};
 
 const HELP: &str = "\
 The robot stands in its present pose on the feet that bear it, its centre of mass over the middle
-of their soles. It answers a push by its legs, within the soles, and takes no step of its own.
-With --step it lifts its feet in turn and puts them down where they were. It needs a floating base and sole_corners_m of the F/T sensor above each foot. The robot must be enabled; in
-the end it holds. Where its feet no longer hold it, or leave the ground, the mode ends with event
-303, and the robot holds. Ctrl-C ends it.
+of their soles. It answers a push by its legs, within the soles, and takes no step of its own. It
+needs a floating base and sole_corners_m of the F/T sensor above each foot. The robot must be
+enabled; in the end it holds. Where its feet no longer hold it, or leave the ground, the mode ends
+with event 303, and the robot holds. Ctrl-C ends it.
+
+With --step it lifts its feet in turn and puts them down where they were. Do that in a harness
+alone: a simulated humanoid whose joints stick has fallen after some steps.
 
 Examples:
   torquectl stand                        until Ctrl-C
   torquectl stand --seconds 30 --json
   torquectl stand --shift 20,0           its centre of mass 20 mm to the front
-  torquectl stand --step 30 --config robot.toml --seconds 60    steps in place, 30 mm high
+  torquectl stand --step 30 --config config/humanoid/robot.toml
 
 Exit codes:
   0  done; the robot holds
@@ -42,7 +45,7 @@ pub(crate) struct StandArguments {
     #[arg(long, value_name = "MM", value_parser = rise, requires = "config", conflicts_with = "shift")]
     step: Option<f64>,
     /// The robot's configuration, for --step
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "step")]
     config: Option<PathBuf>,
     /// Time until the end, s [default: until Ctrl-C]
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]

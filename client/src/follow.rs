@@ -167,6 +167,7 @@ impl Commander {
         self.send(|reference| {
             (reference.mode, reference.trajectory) = (Mode::Stand.number(), 0);
             reference.center_of_mass_offset = center_of_mass_offset;
+            reference.lifted_feet = 0;
             for joint in &mut reference.joints {
                 (joint.dq_d, joint.ddq_d) = (0.0, 0.0);
             }

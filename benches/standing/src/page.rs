@@ -302,9 +302,7 @@ Each time with other joints; sway over the last second, and the angle of the bas
 const STEPPING: &str = "
 ## Stepping in place
 
-Mode stand; each foot in turn is lifted by 30 mm and put down again. **Where joints stick as rigidly as in MuJoCo, it falls after some steps**: a foot that comes down bears less than is asked for, and the base tilts.
-
-The base's angle from where it began: greatest, and at the end.
+Mode stand; each foot in turn is lifted by 30 mm and put down again. The base's angle from where it began: greatest, and at the end.
 
 | world | joints | s | steps | | rad/s | greatest angle, degrees | angle at the end, degrees |
 | --- | --- | --- | --- | --- | --- | --- | --- |

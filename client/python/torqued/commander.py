@@ -287,6 +287,7 @@ class Commander:
         mass so far from the middle of the soles. To be called as `send`, and raises as it."""
         self.reference.mode, self.reference.trajectory = Mode.STAND, 0
         self.reference.center_of_mass_offset[:] = front_m, left_m
+        self.reference.lifted_feet = 0
         for joint in self.reference.joints:
             joint.dq_d = joint.ddq_d = 0.0
         self.send()

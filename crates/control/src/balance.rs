@@ -29,7 +29,7 @@ use floor::Floor;
 use ground::{Sharing, at_sensor, share};
 use least_squares::LeastSquares;
 pub use least_squares::MAX_FEET;
-use nalgebra::{Matrix6xX, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6xX, Vector2, Vector3, Vector6};
 pub(crate) use observer::OBSERVES;
 use observer::Observer;
 use robot_state::Wrench;
@@ -106,7 +106,7 @@ pub struct Balanced {
     /// How far inside the hull of the soles the capture point is, m: where the centre of mass would come to rest over a
     /// foot that is put there (J. Pratt et al., 2006). Outside, no torque brings it back.
     pub depth: f64,
-    /// The same of the soles that stay on the ground, but for their edges, m.
+    /// How far inside the soles that stay on the ground, off their edges, the capture point is, m.
     pub reserve: f64,
     /// The accelerations were found.
     pub solved: bool,
@@ -465,4 +465,10 @@ impl Balance {
             }
         }
     }
+}
+
+/// A rotation by a small angle as a vector, rad.
+fn small_turn(rotation: &Matrix3<f64>) -> Vector3<f64> {
+    let r = rotation;
+    0.5 * Vector3::new(r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12)
 }

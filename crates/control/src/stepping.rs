@@ -214,3 +214,70 @@ fn leg_ways(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stepping() -> Stepping {
+        let legs = [1, 2].map(|bit| Leg {
+            bit,
+            ways: vec![(bit as usize, 0.3)],
+        });
+        Stepping {
+            legs: legs.into(),
+            pose: vec![0.1; 4],
+            phase: Phase::Rests,
+            since_s: 0.0,
+            steps: 0,
+        }
+    }
+
+    #[test]
+    fn a_rise_ends_as_it_begins_and_its_derivatives_are_its_own() {
+        for t in [0.0, 1.0] {
+            assert_eq!(rise_and_fall(t), [0.0; 3]);
+        }
+        assert_eq!(rise_and_fall(0.5)[0], 1.0);
+        let h = 1e-5;
+        for t in [0.1, 0.3, 0.5, 0.8] {
+            let [before, now, after] = [t - h, t, t + h].map(rise_and_fall);
+            assert!((now[1] - (after[0] - before[0]) / (2.0 * h)).abs() < 1e-6);
+            assert!((now[2] - (after[1] - before[1]) / (2.0 * h)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_leg_moves_only_while_its_foot_is_free_and_feet_take_turns() {
+        let (mut stepping, mut reference) = (stepping(), Reference::default());
+        let mut on = 3;
+        for _ in 0..6000 {
+            assert!(stepping.update(on, &mut reference, 1e-3));
+            for (j, joint) in reference.joints.iter().enumerate().take(4) {
+                let lifted = joint.q_d != 0.1;
+                assert!(!lifted || on & j as u64 == 0, "joint {j} on {on}");
+            }
+            // A foot is free as soon as it is lifted, and stands again when its leg is back.
+            let back = reference
+                .joints
+                .iter()
+                .take(4)
+                .all(|joint| joint.q_d == 0.1);
+            let lands = back && reference.lifted_feet == 0;
+            on = if lands {
+                3
+            } else {
+                on & !u64::from(reference.lifted_feet)
+            };
+        }
+        assert!(stepping.steps() >= 3, "{}", stepping.steps());
+    }
+
+    #[test]
+    fn a_foot_is_not_awaited_for_ever() {
+        let (mut stepping, mut reference) = (stepping(), Reference::default());
+        let cycles = (0..20_000).find(|_| !stepping.update(3, &mut reference, 1e-3));
+        let seconds = 1e-3 * cycles.expect("given up") as f64;
+        assert!((seconds - REST_S - PATIENCE_S).abs() < 0.01, "{seconds}");
+    }
+}

@@ -8,7 +8,7 @@ use control::Stepping;
 use robot_config::slots::Source;
 use robot_state::{Event, Mode, Reference};
 
-/// Of the left foot's F/T sensor, the first one, and of the right foot's.
+/// Bits of the F/T sensors of the left and the right foot.
 const LEFT: u32 = 1;
 const RIGHT: u32 = 2;
 const RISE_M: f64 = 0.03;
@@ -46,17 +46,17 @@ fn turned(bench: &Bench, begun: &[f64; 4]) -> f64 {
 fn it_steps_in_place() {
     let (mut bench, mut reference, mut stepping) = begun();
     let begun = bench.plant.truth().base_orientation;
-    let (mut most, mut highest) = (0.0_f64, [0.0_f64; 2]);
+    // Greatest angle of the base, and cycles in which a foot in the air bore nothing.
+    let (mut most, mut free) = (0.0_f64, [0; 2]);
     for _ in 0..18_000 {
         step(&mut bench, &mut reference, &mut stepping);
         let record = bench.cycle.record();
         assert_eq!((record.fault, record.mode), (0, Mode::Stand.number()));
         most = most.max(turned(&bench, &begun));
-        let on = record.commanded.stands_on;
-        for (foot, highest) in highest.iter_mut().enumerate() {
-            let in_air = on >> foot & 1 == 0;
+        for (foot, free) in free.iter_mut().enumerate() {
+            let in_air = record.commanded.stands_on >> foot & 1 == 0;
             let load = record.estimated.ft[foot].contact_wrench.force[2];
-            *highest = highest.max(if in_air { -load } else { f64::NEG_INFINITY });
+            *free += i32::from(in_air && load.abs() < 5.0);
         }
     }
     assert!(stepping.steps() >= 4, "{} steps", stepping.steps());
@@ -64,8 +64,7 @@ fn it_steps_in_place() {
         most > 0.3 && most < 3.0,
         "the base turned by {most} degrees"
     );
-    // In the air a sensor shows nothing, or the ground that it has just met.
-    assert!(highest.iter().all(|load| *load < 30.0), "{highest:?}");
+    assert!(free.iter().all(|cycles| *cycles > 1000), "{free:?}");
 }
 
 /// The robot on one foot: the other one is lifted, and stays in the air.

@@ -6,8 +6,8 @@
 use dynamics::{ReferenceFrame, Se3, frame_jacobian};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-use super::Balance;
 use super::floor::Floor;
+use super::{Balance, small_turn};
 
 /// Rate with which a foot in the air is led, 1/s, and its greatest velocities, m/s and rad/s. Chosen; no experiment recorded.
 const LEADS: f64 = 5.0;
@@ -30,12 +30,7 @@ impl Balance {
         frame_jacobian(&self.model, &self.data, own.frame, world, &mut own.jacobian);
         let middle = own.at.act_point(own.sole.origin());
         let between = target.rotation * own.at.rotation.transpose();
-        let turn = 0.5
-            * Vector3::new(
-                between.m32 - between.m23,
-                between.m13 - between.m31,
-                between.m21 - between.m12,
-            );
+        let turn = small_turn(&between);
         let limited = |x: Vector3<f64>, most: f64| x * (most / x.norm().max(most));
         let linear = limited((target.translation - middle) * LEADS, FASTEST[0]);
         let angular = limited(turn * LEADS, FASTEST[1]);

@@ -2,7 +2,7 @@
 
 use super::floor::{Floor, Soles};
 use super::observer::Observer;
-use super::{Balance, BalanceInput, Foot, MOST_TURN};
+use super::{Balance, BalanceInput, Foot, MOST_TURN, small_turn};
 use crate::sole::nearest_within;
 use dynamics::center_of_mass;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -23,9 +23,8 @@ impl Foot {
         let first_up = self.first_up?;
         let now = self.at.rotation * up;
         let e = self.at.rotation * self.desired.rotation.transpose();
-        let e = 0.5 * Vector3::new(e.m32 - e.m23, e.m13 - e.m31, e.m21 - e.m12);
         let tilt = (self.desired.rotation * first_up).cross(&now);
-        Some((tilt, e.dot(&now), now))
+        Some((tilt, small_turn(&e).dot(&now), now))
     }
 }
 

@@ -145,7 +145,7 @@ mod tests {
     fn left(task: usize, bandwidth: f64, delay: f64, gain: f64) -> f64 {
         let dt = 1e-4;
         let (mut x, mut v, mut made, mut found) = (1.0, 0.0, 0.0, 0.0);
-        // Of the observer: where it is, its velocity, the acceleration that lasts, and that which was asked for.
+        // State of the observer: place, velocity, lasting acceleration, acceleration that was asked for.
         let (mut seen, mut rate, mut lasts, mut wanted) = (1.0, 0.0, 0.0, 0.0);
         let mut late: VecDeque<f64> = vec![0.0; (delay / dt).round() as usize].into();
         let mut most = [0.0_f64; 2];

@@ -20,8 +20,8 @@ const KNOWN_S: f64 = 1.0;
 /// (docs/results/standing.md).
 const TILTED: f64 = core::f64::consts::PI / 180.0;
 
-/// The same for a foot that has come back: the floor has sunk under the foot that showed where up is, by 0.7 degrees on the
-/// simulated humanoid.
+/// Turn of up under a foot that has come back at which the mode ends, rad: the floor sinks under the foot that showed where
+/// up is, by 0.7 degrees on the simulated humanoid.
 const TILTED_AFTER_A_STEP: f64 = 2.0 * TILTED;
 /// Time constant with which up in the axes of a foot that has come back goes over to what the IMU shows since then, s: the
 /// floor gives way under one foot otherwise than under two. Chosen on the simulated humanoid, whose angles alone were 1.4
@@ -32,7 +32,7 @@ const SINKS_S: f64 = 1.0;
 const GIVES_S: f64 = 0.5;
 const TAKES_S: f64 = 1.2;
 /// Share of the weight, for each share that it may bear, that a foot must bear to be counted on more: two thirds of the least
-/// that [`control::Balance`] asks it to bear. Chosen on the humanoid in MuJoCo, whose joints stick.
+/// that [`control::Balance`] asks it to bear. Chosen; in MuJoCo, whose joints stick, it made no clear difference.
 const FELT: f64 = 0.08;
 /// Share that a foot that has come back may bear at once. Chosen: of it [`control::Balance`] asks the foot to bear enough
 /// to be felt.
@@ -214,7 +214,7 @@ impl Footing {
         self.feet.map(|foot| foot.stands.then_some(foot.up))
     }
 
-    /// What each may bear.
+    /// Greatest share of the weight that each foot may bear.
     pub(super) fn bears(&self) -> [f64; MAX_FEET] {
         self.feet.map(|foot| foot.bears)
     }
