@@ -59,7 +59,7 @@ struct Stand {
     /// and what keeps the sole parallel to the ground.
     beside: Vec<Option<f64>>,
     outside_s: f64,
-    /// How far inside the places where the centre of pressure may be the capture point was, m.
+    /// How far inside the soles that stay on the ground the capture point was in the last cycle, m.
     reserve: f64,
 }
 
