@@ -289,3 +289,27 @@ fn the_demo_shows_the_calibration_that_a_robot_comes_with() {
         );
     }
 }
+
+#[test]
+fn the_humanoid_of_the_demo_bows_in_mode_stand() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
+    let out = command.args(["demo", "--fast", "--seconds", "6", "--json"]);
+    let out = out.output().expect("runs");
+    let report: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    assert_eq!((out.status.code(), &report["fault"]), (Some(0), &0.into()));
+    let events = report["events"].as_object().expect("events");
+    // A mode that is refused, or that ends, leaves a robot that only holds.
+    assert!(
+        events.keys().all(|event| event == "torque_limit"),
+        "{events:?}"
+    );
+    let joints = report["joints"].as_array().expect("joints");
+    let largest = |name: &str| {
+        let joint = joints.iter().find(|joint| joint["name"] == name);
+        joint.and_then(|joint| joint["largest_torque"].as_f64())
+    };
+    // Upright 5 N·m.
+    for hip in ["left_hip_pitch", "right_hip_pitch"] {
+        assert!(largest(hip) > Some(20.0), "{hip}: {:?} N·m", largest(hip));
+    }
+}

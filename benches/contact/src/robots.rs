@@ -293,7 +293,7 @@ impl Busy {
             && matches!(doing, Doing::Stand | Doing::Quick);
         let demo = match doing {
             Doing::Demo | Doing::Stand | Doing::Quick if balances || doing == Doing::Demo => {
-                let path = format!("config/{name}/motion.toml");
+                let path = test_support::judged_motion(name);
                 let mut text = read_file(&path).map_err(|e| e.to_string())?;
                 if balances {
                     text = text.replace("settle_s = 1.0", "settle_s = 1e9");

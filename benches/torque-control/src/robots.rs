@@ -89,7 +89,7 @@ impl Driven<'_> {
         (self.change)(&mut robot, &mut urdf);
         let p = &robot.parameters;
         let mut plant = CanRobot::new(&robot, &urdf, &sim).map_err(|e| e.to_string())?;
-        let path = format!("config/{name}/motion.toml");
+        let path = test_support::judged_motion(name);
         let names: Vec<_> = p.joints.iter().map(|j| (j.name.clone(), j.kind)).collect();
         let motion = read(&path).map_err(|e| e.to_string())?;
         let motion = Motion::parse(&motion, &path, &names).map_err(|e| e.to_string())?;

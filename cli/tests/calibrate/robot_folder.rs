@@ -88,7 +88,7 @@ pub(crate) fn judge_of(folder: &Path, name: &str, seconds: f64) -> [f64; 3] {
     let clock = VirtualClock::new();
     let bus = LockStep::new(CanRobot::new(&robot, &urdf, &sim).unwrap(), &clock);
     let mut control_loop = ControlLoop::new(&robot, bus).unwrap();
-    let motion = read_project_file(&format!("config/{name}/motion.toml")).unwrap();
+    let motion = read_project_file(&test_support::judged_motion(name)).unwrap();
     let joints = robot.parameters.joints.iter();
     let joints: Vec<_> = joints
         .map(|joint| (joint.name.clone(), joint.kind))

@@ -12,7 +12,7 @@ mod temporary_directory;
 
 pub use allocation::allocations;
 pub use nodes::with_canopen_nodes;
-pub use project::{project_path, read_project_file, read_with_drives_always_on};
+pub use project::{judged_motion, project_path, read_project_file, read_with_drives_always_on};
 pub use random::Random;
 pub use results_page::ResultsPage;
 pub use temporary_directory::TemporaryDirectory;

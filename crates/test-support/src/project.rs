@@ -17,7 +17,15 @@ pub fn read_project_file(file: &str) -> Result<String> {
     std::fs::read_to_string(project_path(file))
 }
 
-/// The same, with drives that take no control words: they are always on.
+/// The motion by which torques of a shipped robot are judged: that of its demo, but of a humanoid, whose demo balances,
+/// one whose loads do not depend on it.
+#[must_use]
+pub fn judged_motion(robot: &str) -> String {
+    let file = if robot == "humanoid" { "bow" } else { "motion" };
+    format!("config/{robot}/{file}.toml")
+}
+
+/// Text of a project file, with drives that take no control words: they are always on.
 ///
 /// # Errors
 /// No such file.

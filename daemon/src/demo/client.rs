@@ -4,10 +4,10 @@ use robot_config::Robot;
 use robot_state::{Mode, Reference, RobotState, SharedRecord, measured_flags};
 use supervisor::OperatorRequest;
 
-use super::motion::Motion;
+use super::motion::{Motion, MotionMode};
 use super::stance::Stance;
 
-/// Requests the demo's motion by inverse dynamics once the robot is ready.
+/// Requests the demo's motion, in its mode, once the robot is ready.
 #[derive(Debug)]
 pub struct DemoClient {
     motion: Motion,
@@ -40,7 +40,6 @@ impl DemoClient {
             .collect();
         Self {
             stance: (!feet.is_empty()).then(|| Stance::new(&robot.model, feet)),
-            motion,
             model_index: parameters.joints.iter().map(|j| j.model_index).collect(),
             ft_names: parameters
                 .ft_sensors
@@ -53,12 +52,13 @@ impl DemoClient {
             reference: Reference {
                 mode: Mode::Hold.number(),
                 joint_count: parameters.joints.len() as u32,
-                contact_wrench_given: 1,
+                contact_wrench_given: u32::from(motion.mode == MotionMode::InverseDynamics),
                 ..Reference::default()
             },
             to_enable: !parameters.safety.automatic,
             by_operator: !parameters.safety.automatic,
             request: None,
+            motion,
         }
     }
 
@@ -98,7 +98,13 @@ impl DemoClient {
         let t = cycle as f64 * self.sample_period;
         self.cycle = Some(cycle + 1);
         self.reference.sequence += 1;
-        self.reference.mode = Mode::InverseDynamics.number();
+        let mode = match self.motion.mode {
+            MotionMode::InverseDynamics => Mode::InverseDynamics,
+            // Until F/T sensors have shown for a while which feet bear the robot, the daemon refuses to stand on them.
+            MotionMode::Stand if t < self.motion.settle_s => Mode::Hold,
+            MotionMode::Stand => Mode::Stand,
+        };
+        self.reference.mode = mode.number();
         for (j, &place) in self.model_index.iter().enumerate() {
             self.reference.joints[j] = self.motion.at(j, t);
             self.q_model[place] = self.reference.joints[j].q_d;

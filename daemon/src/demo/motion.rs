@@ -21,11 +21,24 @@ const DEFAULT_PERIOD: f64 = 5.0;
 struct MotionFile {
     settle_s: f64,
     #[serde(default)]
+    mode: MotionMode,
+    #[serde(default)]
     stance: Vec<String>,
     #[serde(default)]
     joint: Vec<JointMotion>,
     #[serde(default)]
     contact: Vec<ContactMotion>,
+}
+
+/// Mode in which the robot follows the motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum MotionMode {
+    /// Inverse dynamics; what the stance carries is the demo's.
+    #[default]
+    InverseDynamics,
+    /// Stand: the daemon keeps the robot in balance over its feet.
+    Stand,
 }
 
 /// A desired torque about a foot's vertical axis, beside the wrench that carries the weight.
@@ -83,6 +96,8 @@ struct Swing {
 pub struct Motion {
     /// Time at rest before the motion begins, s.
     pub(super) settle_s: f64,
+    /// Mode in which the robot follows it.
+    pub(super) mode: MotionMode,
     /// F/T sensors whose end-effectors carry the robot's weight.
     pub(super) stance: Vec<String>,
     /// Each joint in config order.
@@ -106,6 +121,12 @@ impl Motion {
             let line = e.span().map_or(0, |span| line_at(text, span.start));
             Problem::new(e.message(), "").at(file_name, line)
         })?;
+        if file.mode == MotionMode::Stand && !(file.stance.is_empty() && file.contact.is_empty()) {
+            let reason = "mode \"stand\" beside a stance or a contact";
+            return Err(
+                Problem::new(reason, "the daemon finds what the feet carry").at(file_name, 0)
+            );
+        }
         let mut joints = vec![Swing::default(); of_robot.len()];
         for motion in &file.joint {
             let index = of_robot.iter().position(|(name, _)| *name == motion.name);
@@ -124,6 +145,7 @@ impl Motion {
         }
         Ok(Self {
             settle_s: file.settle_s,
+            mode: file.mode,
             stance: file.stance,
             joints,
             middle: Vec::new(),
@@ -150,6 +172,7 @@ impl Motion {
         };
         Self {
             settle_s: 1.0,
+            mode: MotionMode::default(),
             stance: Vec::new(),
             joints: joints.iter().enumerate().map(joint).collect(),
             middle: joints.iter().map(|joint| middle(&joint.limits)).collect(),
@@ -287,6 +310,15 @@ mod tests {
             error.contains("m.toml") && error.contains("a, b"),
             "{error}"
         );
+        let error = Motion::parse("settle_s = 1.0\nmode = \"walk\"", "m.toml", &names());
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("m.toml:2") && error.contains("stand"),
+            "{error}"
+        );
+        let twice = "settle_s = 1.0\nmode = \"stand\"\nstance = [\"left_ankle\"]";
+        let error = Motion::parse(twice, "m.toml", &names()).unwrap_err();
+        assert!(error.to_string().contains("stance"), "{error}");
         let error = Motion::parse("settle = 1.0", "m.toml", &names())
             .unwrap_err()
             .to_string();
