@@ -238,4 +238,17 @@ mod tests {
         assert!(stood.fastest < 0.6 && stood.drift < 1.0, "{stood:?}");
         assert!(stood.fastest > 0.05, "nothing was pushed: {stood:?}");
     }
+
+    /// The humanoid in MuJoCo steps in place. After each step its gears are on another side of their hysteresis.
+    #[test]
+    fn a_humanoid_in_mujoco_steps() {
+        let robot = humanoid().unwrap();
+        let mut world = Mujoco::new(&robot, 2, [0.0; 2], 0.0).unwrap();
+        let stood = stand(&robot, &mut world, Mode::Stand, true, 16.0).unwrap();
+        assert!(
+            stood.fault.is_none() && !stood.ended && !stood.fallen,
+            "{stood:?}"
+        );
+        assert!(stood.steps >= 3 && stood.turned < 3.0, "{stood:?}");
+    }
 }

@@ -31,7 +31,7 @@ use least_squares::LeastSquares;
 pub use least_squares::MAX_FEET;
 use nalgebra::{Matrix3, Matrix6xX, Vector2, Vector3, Vector6};
 pub(crate) use observer::OBSERVES;
-use observer::Observer;
+use observer::{OBSERVES_ON_ONE_FOOT, Observer};
 use robot_state::Wrench;
 pub(crate) use turn::{FINDS, TURNS_BACK};
 
@@ -292,6 +292,15 @@ impl Balance {
         }
     }
 
+    /// Frequency of the observers on the feet that stand, rad/s.
+    fn observes(&self) -> f64 {
+        if self.feet.iter().filter(|foot| foot.stands).count() > 1 {
+            OBSERVES
+        } else {
+            OBSERVES_ON_ONE_FOOT
+        }
+    }
+
     /// Places the feet, in the desired pose and now, in the axes of the base.
     fn place(&mut self, input: &BalanceInput<'_>) {
         self.carries.fill(false);
@@ -452,6 +461,7 @@ impl Balance {
                 sole: &foot.sole,
                 at,
                 bears: foot.bears,
+                least: foot.least(),
             });
         }
         let wrenches = share(&total, &feet);

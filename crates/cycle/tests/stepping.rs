@@ -92,9 +92,10 @@ fn it_stands_on_one_foot() {
             motion.take(&bench);
         }
         assert_eq!(bench.cycle.record().mode, Mode::Stand.number());
-        assert!(turned(&bench, &begun) < 1.5, "{}", turned(&bench, &begun));
+        assert!(turned(&bench, &begun) < 0.3, "{}", turned(&bench, &begun));
+        // The foot rolls on a floor that gives way: a body that is believed to move with it swings by 0.6 degrees.
         let way = motion.displacement_deg();
-        assert!(way < 1.5, "{lifted}: {way} degrees");
+        assert!(way < 0.3, "{lifted}: {way} degrees");
     }
 }
 

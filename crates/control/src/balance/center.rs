@@ -72,13 +72,14 @@ impl Balance {
             products.sum::<f64>() / mass
         });
         let (at, rate) = (floor.of(&center), floor.axes.tr_mul(&rate).xy());
+        let observes = self.observes();
         let observed = self.center.get_or_insert(Observer {
             at,
             rate,
             disturbance: Vector2::zeros(),
             acceleration: Vector2::zeros(),
         });
-        observed.update(&at, input.dt);
+        observed.update(&at, observes, input.dt);
         let rate = observed.rate;
         let pendulum = (self.gravity / height.max(0.05)).sqrt();
 

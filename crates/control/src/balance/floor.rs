@@ -33,6 +33,16 @@ impl Floor {
 }
 
 impl Foot {
+    /// Least share of the weight that it bears: none in the end of one that is about to leave the ground. One that has just
+    /// come back is pressed down by as much as one that stands, or it would not be felt.
+    pub(super) fn least(&self) -> f64 {
+        if self.lifts {
+            LOAD * self.bears
+        } else {
+            LOAD.min(self.bears)
+        }
+    }
+
     /// How much its middle counts for where the centre of mass is to be: a foot that has come back takes part by and by.
     fn counts(&self) -> f64 {
         if self.lifts {
@@ -91,9 +101,13 @@ impl Soles {
         for foot in standing() {
             let own_middle = middle_of(foot);
             let (of_others, others) = middle(Some(foot), |foot| foot.bears);
+            let least: f64 = standing()
+                .filter(|other| !core::ptr::eq(foot, *other))
+                .map(Foot::least)
+                .sum();
             // This foot bears all that the others need not, as far as it may.
             let shares = if others > 0.0 {
-                [foot.bears, foot.bears.min(1.0 - LOAD * others)]
+                [foot.bears, foot.bears.min(1.0 - least)]
             } else {
                 [1.0; 2]
             };

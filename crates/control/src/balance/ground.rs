@@ -34,6 +34,8 @@ pub(super) struct Sharing<'a> {
     pub(super) at: Se3,
     /// Greatest share of the total force that it bears, 0 to 1.
     pub(super) bears: f64,
+    /// Least share of the total force that it bears.
+    pub(super) least: f64,
 }
 
 impl Sharing<'_> {
@@ -98,7 +100,7 @@ pub(super) fn share(
             let Some(foot) = foot else { continue };
             own[k] += (maps[k].transpose() * multipliers).component_mul(&costs[k]);
             let bounds = if several {
-                [LOAD * foot.bears * force, foot.most(force)]
+                [foot.least * force, foot.most(force)]
             } else {
                 [0.0, f64::INFINITY]
             };
@@ -163,6 +165,7 @@ mod tests {
                 sole,
                 at,
                 bears: 1.0,
+                least: LOAD,
             })
         })
     }
@@ -231,6 +234,7 @@ mod tests {
                 sole: &sole,
                 at: Se3::from_xyz_rpy([0.0, y, -0.8], [0.0; 3]),
                 bears: 1.0,
+                least: LOAD,
             })
         };
         let feet = [at(0.1), at(-0.1)];

@@ -46,13 +46,14 @@ impl Balance {
         let feet = f64::max(feet, 1.0);
         let [rate, acceleration] = desired.map(|x| x / feet);
         let now = Vector3::from_fn(|k, _| self.v.get(3 + k).copied().unwrap_or(0.0));
+        let observes = self.observes();
         let observed = self.turned.get_or_insert(Observer {
             at: -error,
             rate: now - rate,
             disturbance: Vector3::zeros(),
             acceleration: Vector3::zeros(),
         });
-        observed.update(&-error, input.dt);
+        observed.update(&-error, observes, input.dt);
         let off = observed.rate;
         let stiff = error * TURNS_BACK * TURNS_BACK;
         self.found += stiff * (input.dt / FINDS);

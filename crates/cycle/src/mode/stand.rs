@@ -25,10 +25,13 @@ use crate::inputs::Seen;
 /// Chosen on the simulated humanoid: what soles and angles are known by.
 const OUTSIDE_M: f64 = 0.03;
 const OUTSIDE_S: f64 = 0.1;
-/// Change of a level that a gear explains: its hysteresis, share of the torque limit, and its stiffness, share of the
-/// change of the torque. What is beyond is an F/T sensor's, and not followed. Chosen on gears of two worlds, whose
-/// hysteresis is 0.7 and 1.5 % and whose stiffness 7 % other than configured (docs/results/standing.md).
-const HYSTERESIS: f64 = 0.015;
+/// Change of a level that a gear explains. Its hysteresis: from one side to the other a share of the torque limit, and no
+/// more than a share of what the torque has changed by since the mode began. Its stiffness: a share of the present change of
+/// the torque. What is beyond is an F/T sensor's, and not followed. Chosen on gears of two worlds, whose hysteresis is 0.7
+/// and 1.5 % to each side, a tenth of the spring beside it, and whose stiffness is 7 % other than configured
+/// (docs/results/standing.md).
+const HYSTERESIS: f64 = 0.03;
+const HYSTERESIS_GROWS: f64 = 0.2;
 const STIFFNESS: f64 = 0.1;
 /// Time constant with which a level is followed and left, s: a torque does not step. Chosen; no experiment recorded.
 const LEVEL_S: f64 = 0.05;
@@ -39,6 +42,8 @@ struct Level {
     /// When the mode began, and the torque by torsion then.
     begun: f64,
     torsion: f64,
+    /// Least and greatest torque by torsion since then.
+    span: [f64; 2],
     now: f64,
 }
 
@@ -198,11 +203,14 @@ impl Stand {
             let level = level.get_or_insert(Level {
                 begun: shown,
                 torsion,
+                span: [torsion; 2],
                 now: shown,
             });
-            let explained = HYSTERESIS * *limit + STIFFNESS * (torsion - level.torsion).abs();
-            let explains = (shown - level.begun).abs() <= explained;
-            let goal = if explains { shown } else { level.begun };
+            let [least, most] = level.span;
+            level.span = [least.min(torsion), most.max(torsion)];
+            let hysteresis = (HYSTERESIS_GROWS * (most - least)).min(HYSTERESIS * *limit);
+            let explained = hysteresis + STIFFNESS * (torsion - level.torsion).abs();
+            let goal = shown.clamp(level.begun - explained, level.begun + explained);
             level.now += share * (goal - level.now);
         }
     }
