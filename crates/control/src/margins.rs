@@ -52,6 +52,15 @@ impl Load {
     /// The loads by which stiffness and damping in space are judged.
     pub const MOVING: [Self; 3] = [Self::Free, Self::Light, Self::Heavy];
 
+    /// Inertia of the link over the joint's own.
+    fn inertia_share(self) -> f64 {
+        match self {
+            Self::Light => 0.2,
+            Self::Heavy => 5.0,
+            _ => 1.0,
+        }
+    }
+
     /// Name of the load.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -216,9 +225,7 @@ pub fn largest_stiffness(joint: &JointLoop, ratio: f64, needed: Margins) -> f64 
             damping: ratio * stiffness,
             ..*joint
         };
-        Load::MOVING
-            .iter()
-            .all(|&load| tried.with(load).margins().keeps(&needed))
+        all_keep(&Load::MOVING, needed, |load| tried.with(load).margins())
     };
     largest(scale * 0.05, scale * 2.0, keeps)
 }
@@ -230,11 +237,14 @@ pub fn largest_damping(joint: &JointLoop, needed: Margins) -> f64 {
     let (_, scale) = joint.law.feedback(joint.law.gear.at(joint.torque));
     let keeps = |damping: f64| {
         let tried = JointLoop { damping, ..*joint };
-        Load::MOVING
-            .iter()
-            .all(|&load| tried.with(load).margins().keeps(&needed))
+        all_keep(&Load::MOVING, needed, |load| tried.with(load).margins())
     };
     largest(scale * 0.01, scale * 1.0, keeps)
+}
+
+/// Every load keeps these margins.
+fn all_keep(loads: &[Load], needed: Margins, of: impl Fn(Load) -> Margins) -> bool {
+    loads.iter().all(|&load| of(load).keeps(&needed))
 }
 
 /// The largest number between two that passes, by bisection of its logarithm; zero if the least

@@ -10,18 +10,13 @@
 //! with the taps `V` of the velocities' filter and `D`, transport and hold of a command. Friction helps, and is
 //! not counted on.
 
-use super::response::{LOWEST, Point, frequencies, frequencies_between, least_distances};
+use super::response::{Delays, nyquist};
 use super::{Load, Margins};
 use nalgebra::Complex;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Integral time of a hold in units of K_d / K_s: slow enough to leave spring and damping as they are. Where they meet
 /// it takes atan(1/10) = 6 degrees of phase.
 pub const INTEGRAL_TIMES: f64 = 10.0;
-/// Highest frequency of the open loop, over the rate of the samples: Nyquist's.
-const HIGHEST: f64 = 0.5;
-/// Frequency from which on `1 + L` is followed, Hz: there the poles at zero are all that counts.
-const SLOWEST: f64 = 1e-3;
 
 /// The hold of one joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,42 +61,22 @@ impl HoldLoop {
     /// Gain and phase margin with a load that moves.
     #[must_use]
     pub fn margins(&self, load: Load) -> Margins {
-        if !self.is_stable(load) {
-            return Margins::NONE;
-        }
-        let points: Vec<Point> = frequencies(HIGHEST / self.sample_period)
-            .map(|frequency| {
-                let value = self.open_loop(TAU * frequency, load);
-                Point {
-                    frequency,
-                    re: value.re,
-                    im: value.im,
-                }
-            })
-            .collect();
-        least_distances(&points)
+        let poles = match (self.integral_rate() > 0.0, self.k_s > 0.0) {
+            (true, _) => 3,
+            (false, true) => 2,
+            (false, false) => 1,
+        };
+        nyquist(poles, self.sample_period, |w| self.open_loop(w, load))
     }
 
     fn open_loop(&self, w: f64, load: Load) -> Complex<f64> {
-        let one = Complex::new(1.0, 0.0);
         let [rotor, link] = self.inertia;
-        let inertia = rotor
-            + link
-                * match load {
-                    Load::Light => 0.2,
-                    Load::Heavy => 5.0,
-                    _ => 1.0,
-                };
-        let period = self.sample_period;
-        let last = Complex::from_polar(1.0, -w * period);
-        // Oldest first: the newest is not delayed.
-        let zero = Complex::new(0.0, 0.0);
-        let rate = (self.velocity.iter()).fold(zero, |sum, &weight| sum * last + weight);
-        let integral = one * (period * self.integral_rate()) / (one - last);
-        let half = 0.5 * w * period;
-        let hold = Complex::from_polar(half.sin() / half, -half);
-        let transport = hold * Complex::from_polar(1.0, -w * self.delay);
-        (one * self.k_s + integral + rate * self.k_d) * transport / (-inertia * w * w)
+        let inertia = rotor + link * load.inertia_share();
+        let delays = Delays::new(w, self.sample_period);
+        let integral = delays.sum(self.sample_period * self.integral_rate());
+        let rate = delays.taps(&self.velocity);
+        let transport = delays.hold() * delays.of(self.delay);
+        (integral + self.k_s + rate * self.k_d) * transport / (-inertia * w * w)
     }
 
     /// Torque of the integral, N·m per rad and second.
@@ -112,31 +87,12 @@ impl HoldLoop {
             0.0
         }
     }
-
-    /// `1 + L` turns by a quarter for each of its poles at zero, and ends at 1.
-    fn is_stable(&self, load: Load) -> bool {
-        let poles = match self.integral_rate() > 0.0 {
-            true => 3,
-            false if self.k_s > 0.0 => 2,
-            false => 1,
-        };
-        let mut phase = -FRAC_PI_2 * f64::from(poles);
-        let slow = frequencies_between(SLOWEST, LOWEST);
-        for frequency in slow.chain(frequencies(HIGHEST / self.sample_period)) {
-            let open = self.open_loop(TAU * frequency, load);
-            if !(open.re.is_finite() && open.im.is_finite()) {
-                return false;
-            }
-            let angle = open.im.atan2(1.0 + open.re);
-            phase += (angle - phase + PI).rem_euclid(TAU) - PI;
-        }
-        phase.abs() < FRAC_PI_2
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     /// A joint at this rate, its velocity by a difference over `window` periods, with 3 Hz and this damping ratio.
     fn hold(rate_hz: f64, window: usize, ratio: f64, times: f64) -> HoldLoop {

@@ -162,14 +162,11 @@ impl<const N: usize> Simulated<N> {
         let h = joint.law.sample_period / SUBSTEPS as f64;
         let gear = joint.truth.gear.at(joint.torque);
         let steps = |time: f64| (time / h).round().max(0.0) as usize;
-        let free = |share: f64| [1.0 / (share * joint.link_inertia), 0.0, 0.0];
         let transport = steps(joint.truth.delay - joint.drive_lag);
         let link = loads.map(|load| match load {
             Load::Blocked | Load::Stuck => [0.0; 3],
-            Load::Free => free(1.0),
-            Load::Light => free(0.2),
-            Load::Heavy => free(5.0),
             Load::Spring => [1.0 / joint.link_inertia, gear / 3.0, 1e-3 * gear / 3.0],
+            _ => [1.0 / (load.inertia_share() * joint.link_inertia), 0.0, 0.0],
         });
         let law = LinearLaw::new(&joint.law, joint.law.gear.at(joint.torque));
         // Differences over a period of the drive's loop, and their filter.

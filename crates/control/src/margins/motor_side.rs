@@ -16,14 +16,11 @@
 //! it lies right of the imaginary axis, so the closed loop is stable where `1 + L` turns by as many quarters as it
 //! has poles at zero, two of a free load and one of the integral (Nyquist).
 
-use super::response::{
-    LOWEST, Point, fallen_by_3_db, frequencies, frequencies_between, least_distances,
-};
-use super::{Load, Margins};
+use super::response::{Delays, Point, fallen_by_3_db, nyquist, sampled};
+use super::{Load, Margins, all_keep, largest, least};
 use crate::gains::JointGains;
 use crate::predictive::{DriveLoop, LawParameters};
 use nalgebra::Complex;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// A joint whose torque is fed back late.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,10 +46,6 @@ pub struct MotorSideLoop {
 /// Damping of the gear as a share of that which is critical for the rotor. Chosen on the simulated leg, whose gears
 /// have it (config/leg/sim.toml).
 const GEAR_DAMPING: f64 = 0.02;
-/// Highest frequency of the open loop, over the rate of the samples: Nyquist's.
-const HIGHEST: f64 = 0.5;
-/// Frequency from which on `1 + L` is followed, Hz: there the poles at zero are all that counts.
-const SLOWEST: f64 = 1e-3;
 /// Least K_i that is looked for, 1/s: a feedback of less needs longer than 2 s. Chosen; no experiment recorded.
 const LEAST_K_I: f64 = 0.5;
 
@@ -67,13 +60,13 @@ impl MotorSideLoop {
     /// The open loop's response with a load: -1 is the critical point.
     #[must_use]
     pub fn open_loop(&self, load: Load) -> Vec<Point> {
-        self.curve(load, |signals| -signals.made)
+        sampled(self.law.sample_period, |w| -self.signals(w, load).made)
     }
 
     /// The closed loop's response, from the desired torque to the torque of the gear.
     #[must_use]
     pub fn torque_response(&self, load: Load) -> Vec<Point> {
-        self.curve(load, |signals| signals.torque)
+        sampled(self.law.sample_period, |w| self.signals(w, load).torque)
     }
 
     /// Frequency at which the torque response has fallen by 3 dB, Hz.
@@ -85,11 +78,18 @@ impl MotorSideLoop {
     /// Gain and phase margin with a load.
     #[must_use]
     pub fn margins(&self, load: Load) -> Margins {
-        if self.is_stable(load) {
-            least_distances(&self.open_loop(load))
-        } else {
-            Margins::NONE
-        }
+        let g = &self.gains;
+        // 1/s³ by K_i K_s on a free inertia, 1/s² by K_s, or K_i K_d; 1/s by K_i, K_d, or the way of a command
+        // that goes along with a rotor.
+        let integral = u8::from(g.k_i > 0.0);
+        let poles = match Load::MOVING.contains(&load) {
+            true if g.k_s > 0.0 => 2 + integral,
+            true if g.k_d > 0.0 => 1 + integral,
+            true => 1,
+            false => integral,
+        };
+        let open = |w| -self.signals(w, load).made;
+        nyquist(poles, self.law.sample_period, open)
     }
 
     /// The loop without stiffness and damping in space: the torque's alone.
@@ -101,11 +101,14 @@ impl MotorSideLoop {
     /// The loop with these K_s, N·m/rad, and K_d, N·m·s/rad.
     #[must_use]
     pub fn with_space(&self, k_s: f64, k_d: f64) -> Self {
-        let gains = JointGains {
+        self.with_gains(JointGains {
             k_s,
             k_d,
             ..self.gains
-        };
+        })
+    }
+
+    fn with_gains(&self, gains: JointGains) -> Self {
         Self {
             gains,
             ..self.clone()
@@ -115,7 +118,7 @@ impl MotorSideLoop {
     /// The least margins over some loads, each with the load at which it occurs.
     #[must_use]
     pub fn least_margins(&self, loads: &[Load]) -> (Margins, [Load; 2]) {
-        super::least(loads, |load| self.margins(load))
+        least(loads, |load| self.margins(load))
     }
 
     /// Whether these margins are kept: of the torque's loop with every load, and with K_s and K_d of every load that
@@ -123,23 +126,16 @@ impl MotorSideLoop {
     #[must_use]
     pub fn keeps(&self, needed: Margins) -> bool {
         let of_torque = self.of_torque();
-        let every = |of: &Self, loads: &[Load]| {
-            let mut loads = loads.iter();
-            loads.all(|&load| of.margins(load).keeps(&needed))
-        };
-        every(&of_torque, &Load::ALL) && every(self, &Load::MOVING)
+        all_keep(&Load::ALL, needed, |load| of_torque.margins(load))
+            && all_keep(&Load::MOVING, needed, |load| self.margins(load))
     }
 
     /// The largest K_i up to `most`, 1/s, at which every load keeps these margins; zero if there is none.
     #[must_use]
     pub fn largest_k_i(&self, most: f64, needed: Margins) -> f64 {
-        super::largest(LEAST_K_I, most, |k_i| {
+        largest(LEAST_K_I, most, |k_i| {
             let gains = JointGains { k_i, ..self.gains };
-            let tried = Self {
-                gains,
-                ..self.clone()
-            };
-            tried.keeps(needed)
+            self.with_gains(gains).keeps(needed)
         })
     }
 
@@ -148,10 +144,9 @@ impl MotorSideLoop {
     #[must_use]
     pub fn largest_stiffness(&self, ratio: f64, needed: Margins) -> f64 {
         let scale = self.law.drive_stiffness();
-        super::largest(scale * 0.02, scale * 2.0, |k_s| {
+        largest(scale * 0.02, scale * 2.0, |k_s| {
             let tried = self.with_space(k_s, ratio * k_s);
-            let mut loads = Load::MOVING.iter();
-            loads.all(|&load| tried.margins(load).keeps(&needed))
+            all_keep(&Load::MOVING, needed, |load| tried.margins(load))
         })
     }
 
@@ -160,31 +155,17 @@ impl MotorSideLoop {
     #[must_use]
     pub fn largest_damping(&self, needed: Margins) -> f64 {
         let scale = 0.1 * self.law.drive_stiffness();
-        super::largest(scale * 0.002, scale, |k_d| {
+        largest(scale * 0.002, scale, |k_d| {
             let tried = self.with_space(0.0, k_d);
-            let mut loads = Load::MOVING.iter();
-            loads.all(|&load| tried.margins(load).keeps(&needed))
+            all_keep(&Load::MOVING, needed, |load| tried.margins(load))
         })
-    }
-
-    fn curve(&self, load: Load, of: impl Fn(&Signals) -> Complex<f64>) -> Vec<Point> {
-        frequencies(HIGHEST / self.law.sample_period)
-            .map(|frequency| {
-                let value = of(&self.signals(TAU * frequency, load));
-                Point {
-                    frequency,
-                    re: value.re,
-                    im: value.im,
-                }
-            })
-            .collect()
     }
 
     fn signals(&self, w: f64, load: Load) -> Signals {
         let one = Complex::new(1.0, 0.0);
         let s = Complex::new(0.0, w);
         let (law, g, period) = (&self.law, &self.gains, self.law.sample_period);
-        let delayed = |time: f64| Complex::from_polar(1.0, -w * time);
+        let delays = Delays::new(w, period);
         let gear = law.gear.at(self.torque);
         let DriveLoop::Position {
             stiffness: k_d,
@@ -201,14 +182,9 @@ impl MotorSideLoop {
         };
         let (theta, torque) = self.mechanics(w, load);
 
-        // Oldest first: the newest is not delayed.
-        let last = delayed(period);
-        let taps = |weights: &[f64]| {
-            let zero = Complex::new(0.0, 0.0);
-            (weights.iter()).fold(zero, |sum, &weight| sum * last + weight)
-        };
-        let h = taps(&self.smoothing);
-        let rate = taps(&self.velocity);
+        let last = delays.of(period);
+        let h = delays.taps(&self.smoothing);
+        let rate = delays.taps(&self.velocity);
         // Transfer function of a first-order lag as the law steps it: backward Euler.
         let backwards = |time: f64| {
             let share = period / (period + time);
@@ -216,11 +192,8 @@ impl MotorSideLoop {
         };
         let r = backwards(law.torque_lag());
         let low = backwards(1.0 / self.torsion_bandwidth);
-        let half = 0.5 * w * period;
-        let hold = delayed(0.5 * period) * (half.sin() / half);
-        let transport = hold * delayed((law.delay - self.drive_lag).max(0.0));
-        let integral = one * period / (one - last);
-        let feedback = one * g.k_p + integral * g.k_i;
+        let transport = delays.hold() * delays.of((law.delay - self.drive_lag).max(0.0));
+        let feedback = one * g.k_p + delays.sum(period) * g.k_i;
 
         // The torsion of the last cycle.
         let q = theta - low * low * h * last * torque / gear;
@@ -229,7 +202,7 @@ impl MotorSideLoop {
         let tau_star = tau_d * follow - feedback * h * torque;
         let k_v = d_d / k_d;
         let lead = tau_star / k_d + rate * theta * k_v;
-        let lag = delayed(self.drive_lag);
+        let lag = delays.of(self.drive_lag);
         let braked = s * theta * d_d / (one + s * (2.0 * self.drive_lag));
         let made = lag * (((theta + lead) * transport - theta) * k_d - braked);
         Signals {
@@ -246,13 +219,11 @@ impl MotorSideLoop {
         let damped = 2.0 * GEAR_DAMPING * (gear * inertia).sqrt();
         let spring = one * gear + s * damped;
         // Load, as torque per angle of the link; none where that is blocked.
-        let mass = |share: f64| s * s * (share * self.link_inertia);
+        let mass = s * s * (load.inertia_share() * self.link_inertia);
         let held = match load {
             Load::Blocked | Load::Stuck => None,
-            Load::Free => Some(mass(1.0)),
-            Load::Light => Some(mass(0.2)),
-            Load::Heavy => Some(mass(5.0)),
-            Load::Spring => Some(mass(1.0) + (one + s * 1e-3) * (gear / 3.0)),
+            Load::Spring => Some(mass + (one + s * 1e-3) * (gear / 3.0)),
+            _ => Some(mass),
         };
         let stick = if load == Load::Stuck {
             super::STUCK * gear
@@ -262,31 +233,5 @@ impl MotorSideLoop {
         let z = held.map_or(spring, |held| spring * held / (spring + held));
         let theta = one / (s * s * inertia + z + stick);
         (theta, z * theta)
-    }
-
-    /// `1 + L` turns by a quarter for each of its poles at zero, and ends at 1.
-    fn is_stable(&self, load: Load) -> bool {
-        let (free, g) = (Load::MOVING.contains(&load), &self.gains);
-        // 1/s³ by K_i K_s on a free inertia, 1/s² by K_s, or K_i K_d; 1/s by K_i, K_d, or the way of a command
-        // that goes along with a rotor.
-        let integral = u8::from(g.k_i > 0.0);
-        let poles = match free {
-            true if g.k_s > 0.0 => 2 + integral,
-            true if g.k_d > 0.0 => 1 + integral,
-            true => 1,
-            false => integral,
-        };
-        let mut phase = -FRAC_PI_2 * f64::from(poles);
-        let highest = HIGHEST / self.law.sample_period;
-        let slow = frequencies_between(SLOWEST, LOWEST);
-        for frequency in slow.chain(frequencies(highest)) {
-            let open = -self.signals(TAU * frequency, load).made;
-            if !(open.re.is_finite() && open.im.is_finite()) {
-                return false;
-            }
-            let angle = open.im.atan2(1.0 + open.re);
-            phase += (angle - phase + PI).rem_euclid(TAU) - PI;
-        }
-        phase.abs() < FRAC_PI_2
     }
 }

@@ -4,14 +4,18 @@ use super::Margins;
 use super::lifted::{Lifted, SUBSTEPS};
 use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use nalgebra::{Complex, DMatrix, DVector, Schur};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Lowest frequency of interest, Hz. Chosen; no experiment recorded.
-pub(super) const LOWEST: f64 = 0.2;
+const LOWEST: f64 = 0.2;
 /// Frequencies of a curve.
 const POINTS: usize = 300;
 /// Highest frequency of the open loop, over the rate of the samples: the drive's own loop is faster.
 const HIGHEST: f64 = 2.0;
+/// Highest frequency of a loop that is known at the samples alone, over their rate: Nyquist's.
+const HIGHEST_SAMPLED: f64 = 0.5;
+/// Frequency from which on `1 + L` is followed, Hz: there the poles at zero are all that counts.
+const SLOWEST: f64 = 1e-3;
 /// Eigenvalues up to this count as stable: a free link stays where it is put, or moves on, and rounding
 /// splits the double eigenvalue 1.
 const STABLE: f64 = 1.0 + 3e-5;
@@ -31,6 +35,14 @@ pub struct Point {
 }
 
 impl Point {
+    pub(super) fn new(frequency: f64, value: Complex<f64>) -> Self {
+        Self {
+            frequency,
+            re: value.re,
+            im: value.im,
+        }
+    }
+
     /// Absolute value of the complex number.
     #[must_use]
     pub fn gain(&self) -> f64 {
@@ -108,7 +120,7 @@ impl ClosedLoop {
             sum / SUBSTEPS as f64
         };
         (frequencies.iter().enumerate())
-            .map(|(k, &frequency)| point(frequency, -mean(k)))
+            .map(|(k, &frequency)| Point::new(frequency, -mean(k)))
             .filter(|point| point.re.is_finite() && point.im.is_finite())
             .collect()
     }
@@ -126,7 +138,7 @@ impl ClosedLoop {
                 let mut x: Vec<_> = input.iter().map(|&x| Complex::from(x)).collect();
                 let finite = resolvent.solve(angle, &mut x);
                 let made = output.iter().zip(&x).map(|(c, x)| x * c).sum();
-                finite.then(|| point(frequency, made))
+                finite.then(|| Point::new(frequency, made))
             })
             .collect()
     }
@@ -154,14 +166,81 @@ impl ClosedLoop {
 }
 
 /// Frequencies from the lowest one to `highest`, Hz, at equal ratios.
-pub(super) fn frequencies(highest: f64) -> impl Iterator<Item = f64> {
+fn frequencies(highest: f64) -> impl Iterator<Item = f64> {
     frequencies_between(LOWEST, highest)
 }
 
 /// Frequencies from `lowest` to `highest`, Hz, at equal ratios.
-pub(super) fn frequencies_between(lowest: f64, highest: f64) -> impl Iterator<Item = f64> {
+fn frequencies_between(lowest: f64, highest: f64) -> impl Iterator<Item = f64> {
     let ratio = (highest / lowest).powf(1.0 / (POINTS - 1) as f64);
     (0..POINTS).map(move |k| lowest * ratio.powi(k as i32))
+}
+
+/// Response up to Nyquist's frequency of a loop that is known by its value at an angular frequency, rad/s.
+pub(super) fn sampled(sample_period: f64, of: impl Fn(f64) -> Complex<f64>) -> Vec<Point> {
+    frequencies(HIGHEST_SAMPLED / sample_period)
+        .map(|frequency| Point::new(frequency, of(TAU * frequency)))
+        .collect()
+}
+
+/// Margins of a loop by its open loop `L` at an angular frequency, rad/s, which has no pole right of the imaginary axis,
+/// and so many `poles` at zero. It is stable if `1 + L` turns by a quarter for each of them, and ends at 1 (Nyquist).
+pub(super) fn nyquist(
+    poles: u8,
+    sample_period: f64,
+    open: impl Fn(f64) -> Complex<f64>,
+) -> Margins {
+    let mut phase = -FRAC_PI_2 * f64::from(poles);
+    let slow = frequencies_between(SLOWEST, LOWEST);
+    for frequency in slow.chain(frequencies(HIGHEST_SAMPLED / sample_period)) {
+        let open = open(TAU * frequency);
+        if !(open.re.is_finite() && open.im.is_finite()) {
+            return Margins::NONE;
+        }
+        let angle = open.im.atan2(1.0 + open.re);
+        phase += (angle - phase + PI).rem_euclid(TAU) - PI;
+    }
+    if phase.abs() < FRAC_PI_2 {
+        least_distances(&sampled(sample_period, open))
+    } else {
+        Margins::NONE
+    }
+}
+
+/// Responses, at one angular frequency, of what acts at the samples of a period.
+pub(super) struct Delays {
+    w: f64,
+    period: f64,
+}
+
+impl Delays {
+    pub(super) fn new(w: f64, period: f64) -> Self {
+        Self { w, period }
+    }
+
+    /// A delay, s.
+    pub(super) fn of(&self, time: f64) -> Complex<f64> {
+        Complex::from_polar(1.0, -self.w * time)
+    }
+
+    /// A filter with these weights of the samples, oldest first: the newest is not delayed.
+    pub(super) fn taps(&self, weights: &[f64]) -> Complex<f64> {
+        let last = self.of(self.period);
+        let zero = Complex::new(0.0, 0.0);
+        (weights.iter()).fold(zero, |sum, &weight| sum * last + weight)
+    }
+
+    /// A sum over the samples, this times each.
+    pub(super) fn sum(&self, times: f64) -> Complex<f64> {
+        let one = Complex::new(1.0, 0.0);
+        one * times / (one - self.of(self.period))
+    }
+
+    /// A command that is held for a period.
+    pub(super) fn hold(&self) -> Complex<f64> {
+        let half = 0.5 * self.w * self.period;
+        self.of(0.5 * self.period) * (half.sin() / half)
+    }
 }
 
 /// Frequency at which a response has fallen by 3 dB, Hz; zero if it begins below.
@@ -290,13 +369,5 @@ pub(super) fn between(a: &Point, b: &Point, share: f64) -> Point {
         frequency: at(a.frequency, b.frequency),
         re: at(a.re, b.re),
         im: at(a.im, b.im),
-    }
-}
-
-fn point(frequency: f64, value: Complex<f64>) -> Point {
-    Point {
-        frequency,
-        re: value.re,
-        im: value.im,
     }
 }

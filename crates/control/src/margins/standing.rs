@@ -59,14 +59,8 @@ pub fn standing(pendulum: f64, torque: &[Point]) -> [StandingMargins; 2] {
         |s: Complex<f64>| (observed(s, b * b, 2.0 * b) + s.inv() * (b * b / FINDS)) / (s * s);
     let mut open = of(torque, center);
     // At rest the torque is the desired one.
-    open.insert(
-        0,
-        Point {
-            frequency: 0.0,
-            re: center(Complex::new(0.0, 0.0)).re,
-            im: 0.0,
-        },
-    );
+    let still = center(Complex::default());
+    open.insert(0, Point::new(0.0, Complex::new(still.re, 0.0)));
     [judged(&open), judged(&of(torque, base))]
 }
 
@@ -79,13 +73,8 @@ fn observed(s: Complex<f64>, k: f64, d: f64) -> Complex<f64> {
 
 fn of(torque: &[Point], law: impl Fn(Complex<f64>) -> Complex<f64>) -> Vec<Point> {
     let open = |point: &Point| {
-        let value =
-            law(Complex::new(0.0, TAU * point.frequency)) * Complex::new(point.re, point.im);
-        Point {
-            frequency: point.frequency,
-            re: value.re,
-            im: value.im,
-        }
+        let s = Complex::new(0.0, TAU * point.frequency);
+        Point::new(point.frequency, law(s) * Complex::new(point.re, point.im))
     };
     torque.iter().map(open).collect()
 }
@@ -132,11 +121,7 @@ mod tests {
         let point = |frequency: f64| {
             let s = Complex::new(0.0, TAU * frequency);
             let value = (s / bandwidth + 1.0).inv() * (-s * delay).exp();
-            Point {
-                frequency,
-                re: value.re,
-                im: value.im,
-            }
+            Point::new(frequency, value)
         };
         frequencies.map(point).collect()
     }
