@@ -89,7 +89,16 @@ pub(crate) struct Asked<'a> {
     pub(crate) begins: bool,
 }
 
-impl Asked<'_> {
+impl<'a> Asked<'a> {
+    /// A reference that the loop has planned for this cycle.
+    pub(crate) fn planned(reference: &'a Reference) -> Self {
+        Self {
+            reference,
+            age_s: 0.0,
+            begins: false,
+        }
+    }
+
     /// The reference of a joint at the instant of this cycle.
     pub(crate) fn of_joint(&self, joint: usize) -> JointReference {
         let asked = self.reference.joints.get(joint);
@@ -104,6 +113,31 @@ impl Asked<'_> {
         let given = self.reference.gains_given == 1;
         let asked = self.reference.joints.get(joint).filter(|_| given);
         asked.map(Impedance::of)
+    }
+}
+
+/// A cycle in which a mode is followed.
+#[derive(Debug)]
+pub(crate) struct ModeCycle<'a> {
+    pub(crate) asked: &'a Asked<'a>,
+    pub(crate) seen: &'a Seen<'a>,
+    pub(crate) body: &'a mut RigidBody,
+    pub(crate) commanded: &'a mut CommandedRecord,
+    /// To be set, for each joint.
+    pub(crate) tasks: &'a mut [Task],
+}
+
+impl ModeCycle<'_> {
+    /// Has each joint track its reference by the torque of the rigid bodies, as `of` changes that.
+    fn track<T: Into<Task>>(
+        &mut self,
+        mode: Mode,
+        asked: &Asked<'_>,
+        mut of: impl FnMut(usize, Follow) -> T,
+    ) {
+        for (j, task) in self.tasks.iter_mut().enumerate() {
+            *task = of(j, Follow::tracking(mode, asked, self.body, j)).into();
+        }
     }
 }
 
@@ -148,7 +182,9 @@ pub(crate) trait ClientMode: fmt::Debug + Send {
     }
 
     /// Joints and sensors can have every value of the reference that the mode uses.
-    fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool;
+    fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool {
+        bounds.softened(reference) && bounds.motions(reference) && bounds.wrenches(reference)
+    }
 
     /// The desired position of a joint is followed from cycle to cycle: it must begin where the joint is, and
     /// move no faster than it may.
@@ -168,14 +204,7 @@ pub(crate) trait ClientMode: fmt::Debug + Send {
     ///
     /// # Errors
     /// That for which the mode must not go on: all joints stop.
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        commanded: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit>;
+    fn set_tasks(&mut self, cycle: ModeCycle<'_>) -> Result<(), Unfit>;
 
     /// Another mode is followed in this cycle, or none.
     fn idle(&mut self, _: &Seen<'_>, _: &mut CommandedRecord) {}
@@ -322,8 +351,14 @@ impl Modes {
                     self.tasks.fill(Task::of(JointGoal::Stop));
                     return;
                 };
-                let body = &mut self.body;
-                if let Err(unfit) = own.set_tasks(&asked, seen, body, commanded, &mut self.tasks) {
+                let cycle = ModeCycle {
+                    asked: &asked,
+                    seen,
+                    body: &mut self.body,
+                    commanded,
+                    tasks: &mut self.tasks,
+                };
+                if let Err(unfit) = own.set_tasks(cycle) {
                     unfit.count(counts);
                     self.tasks.fill(Task::of(JointGoal::Stop));
                 }

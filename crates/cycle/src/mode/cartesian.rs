@@ -18,10 +18,8 @@ mod record;
 use robot_config::Robot;
 use robot_state::{CommandedRecord, Event, MeasuredRecord, Mode, Reference};
 
-use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Feedback, Follow, Foresight, JointGoal, Made, RigidBody, Speed,
-    Spring, Task, Unfit,
+    Bounds, ClientMode, Feedback, Foresight, JointGoal, Made, ModeCycle, Speed, Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
 use frame_check::FrameCheck;
@@ -66,21 +64,12 @@ impl ClientMode for Cartesian {
         Ok(())
     }
 
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        commanded: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        let carried = body.follow(asked.reference, seen);
-        (self.frames).lead(asked, (seen, &carried), body.torques_mut(), commanded);
-        for (j, task) in tasks.iter_mut().enumerate() {
-            let mut follow = Follow {
-                mode: Mode::Cartesian,
-                ..tracking(asked, body, j)
-            };
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let (asked, seen) = (cycle.asked, cycle.seen);
+        let carried = cycle.body.follow(asked.reference, seen);
+        let torques = cycle.body.torques_mut();
+        (self.frames).lead(asked, (seen, &carried), torques, cycle.commanded);
+        cycle.track(Mode::Cartesian, asked, |j, mut follow| {
             if self.frames.leads(j) {
                 follow.speed = Speed::Torque;
                 follow.spring = follow.spring.map(|spring| Spring {
@@ -89,13 +78,13 @@ impl ClientMode for Cartesian {
                     ..spring
                 });
             }
-            *task = Task {
+            Task {
                 goal: JointGoal::Follow(follow),
                 feedback: Feedback::Estimated {
                     pressing: self.frames.force_share(j),
                 },
-            };
-        }
+            }
+        });
         Ok(())
     }
 

@@ -10,9 +10,8 @@
 //! answer.
 
 use robot_config::{ContactReaction, Robot};
-use robot_state::{JointKind, JointReference, MAX_JOINTS, MeasuredRecord, Reference};
+use robot_state::{JointKind, JointReference, MAX_JOINTS, MeasuredRecord, Mode, Reference};
 
-use super::inverse_dynamics::tracking;
 use super::position::Motions;
 use super::{Answer, Asked, Entry, Feedback, Follow, Goal, JointGoal, RigidBody, Speed, Task};
 use crate::estimate::Loads;
@@ -347,15 +346,11 @@ impl Contact {
         for (j, task) in tasks.iter_mut().enumerate() {
             let goal = match planned.as_ref().filter(|_| self.yields(j)) {
                 Some(reference) => {
-                    let asked = Asked {
-                        reference,
-                        age_s: 0.0,
-                        begins: is_new,
-                    };
+                    let asked = Asked::planned(reference);
                     JointGoal::Follow(Follow {
                         entry,
                         speed: Speed::Torque,
-                        ..tracking(&asked, body, j)
+                        ..Follow::tracking(Mode::InverseDynamics, &asked, body, j)
                     })
                 }
                 None if self.concerns(j) => JointGoal::StopPressing,

@@ -1,13 +1,9 @@
 //! Inverse dynamics: the joints follow `q_d dq_d ddq_d` and contact wrenches of the client (D12).
 
 use robot_config::Robot;
-use robot_state::{CommandedRecord, Mode, Reference};
+use robot_state::Mode;
 
-use super::{
-    Asked, Bounds, Bristle, ClientMode, Entry, Follow, Foresight, JointGoal, Made, RigidBody,
-    Speed, Spring, Task, Unfit,
-};
-use crate::inputs::Seen;
+use super::{ClientMode, Made, ModeCycle, Unfit};
 
 /// See the module.
 #[derive(Debug)]
@@ -18,40 +14,9 @@ pub(super) fn make(_: &Robot) -> Made {
 }
 
 impl ClientMode for InverseDynamics {
-    fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool {
-        bounds.softened(reference) && bounds.motions(reference) && bounds.wrenches(reference)
-    }
-
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        body.follow(asked.reference, seen);
-        for (j, task) in tasks.iter_mut().enumerate() {
-            *task = Task::of(JointGoal::Follow(tracking(asked, body, j)));
-        }
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        cycle.body.follow(cycle.asked.reference, cycle.seen);
+        cycle.track(Mode::InverseDynamics, cycle.asked, |_, follow| follow);
         Ok(())
-    }
-}
-
-/// What a joint follows that tracks its reference by the torque of the rigid bodies and its own spring.
-pub(super) fn tracking(asked: &Asked<'_>, body: &RigidBody, joint: usize) -> Follow {
-    let reference = asked.of_joint(joint);
-    Follow {
-        mode: Mode::InverseDynamics,
-        entry: Entry::Usual,
-        torque: body.torque(joint),
-        spring: Some(Spring {
-            q_d: reference.q_d,
-            dq_d: reference.dq_d,
-            impedance: asked.impedance(joint),
-            foresight: Foresight::ByDamping,
-        }),
-        bristle: Bristle::None,
-        speed: Speed::Motion,
     }
 }

@@ -8,14 +8,12 @@ use estimators::local_gp::LocalGp;
 use problem::Problem;
 use robot_config::feed_forward::{motion_inputs, neighbours};
 use robot_config::{JointParameters, Robot};
-use robot_state::{CommandedRecord, Mode, Reference};
+use robot_state::{Mode, Reference};
 
-use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Follow, Foresight, Impedance, JointGoal, Made, RigidBody,
-    RigidBodyTorque, Speed, Spring, Task, Unfit,
+    Asked, ClientMode, Follow, Foresight, Impedance, Made, ModeCycle, RigidBodyTorque, Speed,
+    Spring, Unfit,
 };
-use crate::inputs::Seen;
 
 /// Largest learned torque, of the limit: beside a model more is an error of the file. Chosen; no experiment recorded.
 const LEARNED_MOST: f64 = 0.5;
@@ -60,25 +58,14 @@ pub(super) fn make(robot: &Robot) -> Made {
 }
 
 impl ClientMode for LowGain {
-    fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool {
-        bounds.softened(reference) && bounds.motions(reference) && bounds.wrenches(reference)
-    }
-
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        body.follow(asked.reference, seen);
-        for (j, (own, task)) in self.joints.iter().zip(tasks).enumerate() {
-            let follow = tracking(asked, body, j);
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let asked = cycle.asked;
+        cycle.body.follow(asked.reference, cycle.seen);
+        cycle.track(Mode::LowGainTracking, asked, |j, follow| {
+            let own = &self.joints[j];
             let feedforward = follow.torque.feedforward + own.learned(asked, j);
             let impedance = asked.impedance(j).unwrap_or(own.impedance);
-            *task = Task::of(JointGoal::Follow(Follow {
-                mode: Mode::LowGainTracking,
+            Follow {
                 torque: RigidBodyTorque {
                     feedforward,
                     ..follow.torque
@@ -90,8 +77,8 @@ impl ClientMode for LowGain {
                 }),
                 speed: Speed::TorqueBeside(asked.of_joint(j).dq_d.abs()),
                 ..follow
-            }));
-        }
+            }
+        });
         Ok(())
     }
 }

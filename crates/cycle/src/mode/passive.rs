@@ -6,10 +6,9 @@
 use robot_config::Robot;
 use robot_state::{CommandedRecord, Mode, Reference};
 
-use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, Bristle, ClientMode, Follow, Foresight, Impedance, JointGoal, Made, RigidBody,
-    RigidBodyTorque, Speed, Spring, Task, Unfit,
+    Bounds, Bristle, ClientMode, Follow, Foresight, Impedance, Made, ModeCycle, RigidBodyTorque,
+    Speed, Spring, Unfit,
 };
 use crate::inputs::Seen;
 
@@ -63,23 +62,14 @@ impl ClientMode for Passive {
         !is_let_go(reference, joint)
     }
 
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        body.rest(seen);
-        body.update_contacts(seen);
+    fn set_tasks(&mut self, cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let (asked, body) = (cycle.asked, cycle.body);
+        body.rest(cycle.seen);
+        body.update_contacts(cycle.seen);
         let mut bears = 0;
-        for (j, (own, task)) in self.joints.iter_mut().zip(tasks).enumerate() {
+        for (j, (own, task)) in self.joints.iter_mut().zip(cycle.tasks).enumerate() {
             let was_free = core::mem::replace(&mut own.is_free, is_let_go(asked.reference, j));
-            let mut follow = Follow {
-                mode: Mode::Passive,
-                ..tracking(asked, body, j)
-            };
+            let mut follow = Follow::tracking(Mode::Passive, asked, body, j);
             if own.is_free {
                 let free = body.free(j);
                 let contact = body.by_contacts(j).abs();
@@ -107,7 +97,7 @@ impl ClientMode for Passive {
                 let asked = asked.reference.joints.get(j);
                 own.held_at = asked.map_or(own.held_at, |asked| asked.q_d);
             }
-            *task = Task::of(JointGoal::Follow(follow));
+            *task = follow.into();
         }
         if bears == 0 {
             Ok(())

@@ -2,10 +2,9 @@
 
 use control::{MotionLimits, PlannedMotion, PointToPoint};
 use robot_config::{Parameters, Robot};
-use robot_state::{CommandedRecord, JointMeasured, MeasuredRecord, Reference};
+use robot_state::{CommandedRecord, JointMeasured, MeasuredRecord, Mode, Reference};
 
-use super::inverse_dynamics::tracking;
-use super::{Asked, Bounds, ClientMode, JointGoal, Made, RigidBody, Task, Unfit};
+use super::{Asked, Bounds, ClientMode, Made, ModeCycle, Unfit};
 use crate::inputs::Seen;
 
 /// Plans motions of the robot to a target.
@@ -125,24 +124,13 @@ impl ClientMode for Position {
         false
     }
 
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        let planned = (self.motions).follow(asked.reference, false, seen.measured, seen.dt);
-        body.follow(&planned, seen);
-        let planned = Asked {
-            reference: &planned,
-            age_s: 0.0,
-            ..*asked
-        };
-        for (j, task) in tasks.iter_mut().enumerate() {
-            *task = Task::of(JointGoal::Follow(tracking(&planned, body, j)));
-        }
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let (asked, seen) = (cycle.asked.reference, cycle.seen);
+        let planned = (self.motions).follow(asked, false, seen.measured, seen.dt);
+        cycle.body.follow(&planned, seen);
+        // The torque is that mode's: joints do not begin anew where a client goes over from one to the other.
+        let mode = Mode::InverseDynamics;
+        cycle.track(mode, &Asked::planned(&planned), |_, follow| follow);
         Ok(())
     }
 

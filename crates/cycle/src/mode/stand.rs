@@ -14,9 +14,8 @@ use footing::Footing;
 use robot_config::Robot;
 use robot_state::{CommandedRecord, Mode, Reference};
 
-use super::inverse_dynamics::tracking;
 use super::{
-    Asked, Bounds, ClientMode, Feedback, Follow, JointGoal, Made, RigidBody, RigidBodyTorque,
+    Asked, Bounds, ClientMode, Feedback, Follow, Made, ModeCycle, RigidBody, RigidBodyTorque,
     Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
@@ -102,25 +101,38 @@ impl ClientMode for Stand {
             && self.footing.may_lift(reference.lifted_feet)
     }
 
-    fn set_tasks(
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let (asked, seen) = (cycle.asked, cycle.seen);
+        if asked.begins {
+            self.begin(cycle.body)?;
+        }
+        let client = (asked.reference.lifted_feet, self.reserve);
+        let near = |foot| self.balance.above_ground(foot);
+        (self.footing).update(client, cycle.body, near, seen.dt)?;
+        cycle.commanded.stands_on = self.footing.stands_on();
+        self.take(asked, seen);
+        self.level(asked.begins, seen);
+        self.balance(asked, seen, cycle.body)?;
+        cycle.track(Mode::Stand, asked, |j, follow| self.task(j, follow));
+        Ok(())
+    }
+
+    fn idle(&mut self, _: &Seen<'_>, commanded: &mut CommandedRecord) {
+        commanded.stands_on = 0;
+    }
+}
+
+impl Stand {
+    /// Sets the torques that balance the robot.
+    ///
+    /// # Errors
+    /// There are none, or the robot falls all the same.
+    fn balance(
         &mut self,
         asked: &Asked<'_>,
         seen: &Seen<'_>,
         body: &mut RigidBody,
-        commanded: &mut CommandedRecord,
-        tasks: &mut [Task],
     ) -> Result<(), Unfit> {
-        if asked.begins {
-            self.begin(body)?;
-        }
-        let (lifted, reserve) = (asked.reference.lifted_feet, self.reserve);
-        let balance = &self.balance;
-        let near = |foot| balance.above_ground(foot);
-        self.footing
-            .update((lifted, reserve), body, near, seen.dt)?;
-        commanded.stands_on = self.footing.stands_on();
-        self.take(asked, seen);
-        self.level(asked.begins, seen);
         let [q_d, dq_d, ddq_d] = &self.desired;
         let input = BalanceInput {
             q: &self.q,
@@ -147,36 +159,26 @@ impl ClientMode for Stand {
             let torque = torques.get(place).copied().unwrap_or(0.0);
             *own = RigidBodyTorque::feedforward(torque);
         }
-        for (j, (task, &place)) in tasks.iter_mut().zip(&self.model_index).enumerate() {
-            let follow = Follow {
-                mode: Mode::Stand,
-                ..tracking(asked, body, j)
-            };
-            let carries = self.balance.carries(place);
-            let beside = self.beside.get(j).copied().flatten();
-            let spring = follow.spring.filter(|_| !carries).map(|spring| Spring {
-                q_d: spring.q_d + beside.unwrap_or(0.0),
-                ..spring
-            });
-            let level = self.levels.get(j).and_then(|(_, level)| *level);
-            *task = Task {
-                feedback: level
-                    .filter(|_| carries || beside.is_some())
-                    .map_or(Feedback::default(), |level| Feedback::Torsion {
-                        offset: level.now,
-                    }),
-                ..Task::of(JointGoal::Follow(Follow { spring, ..follow }))
-            };
-        }
         Ok(())
     }
 
-    fn idle(&mut self, _: &Seen<'_>, commanded: &mut CommandedRecord) {
-        commanded.stands_on = 0;
+    /// The task of a joint that tracks its reference: one that carries the robot has no spring.
+    fn task(&self, j: usize, mut follow: Follow) -> Task {
+        let carries = self.balance.carries(self.model_index[j]);
+        let beside = self.beside[j];
+        follow.spring = follow.spring.filter(|_| !carries).map(|spring| Spring {
+            q_d: spring.q_d + beside.unwrap_or(0.0),
+            ..spring
+        });
+        let (_, level) = self.levels[j];
+        let level = level.filter(|_| carries || beside.is_some());
+        let feedback = level.map(|level| Feedback::Torsion { offset: level.now });
+        Task {
+            feedback: feedback.unwrap_or_default(),
+            ..follow.into()
+        }
     }
-}
 
-impl Stand {
     /// Begins on the feet that bear the robot.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use robot_state::Mode;
 
-use super::{Impedance, RigidBodyTorque};
+use super::{Asked, Impedance, RigidBody, RigidBodyTorque};
 
 /// The task of a joint.
 #[derive(Debug, Clone, Copy, Default)]
@@ -66,6 +66,32 @@ pub(crate) struct Follow {
     pub(crate) bristle: Bristle,
     /// What bounds the velocity.
     pub(crate) speed: Speed,
+}
+
+impl Follow {
+    /// What a joint follows that tracks its reference by the torque of the rigid bodies and its own spring.
+    pub(crate) fn tracking(mode: Mode, asked: &Asked<'_>, body: &RigidBody, joint: usize) -> Self {
+        let reference = asked.of_joint(joint);
+        Self {
+            mode,
+            entry: Entry::Usual,
+            torque: body.torque(joint),
+            spring: Some(Spring {
+                q_d: reference.q_d,
+                dq_d: reference.dq_d,
+                impedance: asked.impedance(joint),
+                foresight: Foresight::ByDamping,
+            }),
+            bristle: Bristle::None,
+            speed: Speed::Motion,
+        }
+    }
+}
+
+impl From<Follow> for Task {
+    fn from(follow: Follow) -> Self {
+        Self::of(JointGoal::Follow(follow))
+    }
 }
 
 /// How a joint begins to follow.

@@ -1,13 +1,11 @@
 //! Torque: the joints follow `tau_d` of the client.
 
 use robot_config::Robot;
-use robot_state::{CommandedRecord, Mode, Reference};
+use robot_state::{Mode, Reference};
 
 use super::{
-    Asked, Bounds, Bristle, ClientMode, Entry, Follow, JointGoal, Made, RigidBody, RigidBodyTorque,
-    Speed, Task, Unfit,
+    Bounds, Bristle, ClientMode, Entry, Follow, Made, ModeCycle, RigidBodyTorque, Speed, Unfit,
 };
-use crate::inputs::Seen;
 
 /// See the module.
 #[derive(Debug)]
@@ -30,23 +28,17 @@ impl ClientMode for Torque {
         false
     }
 
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        _: &Seen<'_>,
-        _: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        for (task, joint) in tasks.iter_mut().zip(&asked.reference.joints) {
-            *task = Task::of(JointGoal::Follow(Follow {
+    fn set_tasks(&mut self, cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        for (task, joint) in cycle.tasks.iter_mut().zip(&cycle.asked.reference.joints) {
+            *task = Follow {
                 mode: Mode::Torque,
                 entry: Entry::Usual,
                 torque: RigidBodyTorque::feedforward(joint.tau_d),
                 spring: None,
                 bristle: Bristle::Torque,
                 speed: Speed::Torque,
-            }));
+            }
+            .into();
         }
         Ok(())
     }

@@ -5,14 +5,9 @@
 use control::predictive::LawParameters;
 use control::{CarriedTorque, JointGains, largest_follow};
 use robot_config::{Robot, TorqueLaw};
-use robot_state::Reference;
-use robot_state::{CommandedRecord, Mode};
+use robot_state::{Mode, Reference};
 
-use super::inverse_dynamics::tracking;
-use super::{
-    Asked, Bounds, ClientMode, Follow, JointGoal, Made, RigidBody, RigidBodyTorque, Task, Unfit,
-};
-use crate::inputs::Seen;
+use super::{Asked, ClientMode, Follow, Made, ModeCycle, RigidBodyTorque, Unfit};
 
 /// Time in which the bandwidth of the carried torque rises from nothing to its largest, s: that of an impedance
 /// (`RAMP_S` of impedance.rs).
@@ -60,27 +55,16 @@ impl ClientMode for TorqueFeedback {
         0
     }
 
-    fn accepts(&self, bounds: &Bounds, reference: &Reference) -> bool {
-        bounds.softened(reference) && bounds.motions(reference) && bounds.wrenches(reference)
-    }
-
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
-        for (j, (own, task)) in self.joints.iter_mut().zip(tasks).enumerate() {
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let (asked, seen) = (cycle.asked, cycle.seen);
+        cycle.track(Mode::TorqueFeedbackMotion, asked, |j, follow| {
             let now = seen.fast_torque(j).filter(|now| now.is_finite());
-            let carried = own.carry(asked, j, now, seen.dt);
-            *task = Task::of(JointGoal::Follow(Follow {
-                mode: Mode::TorqueFeedbackMotion,
+            let carried = self.joints[j].carry(asked, j, now, seen.dt);
+            Follow {
                 torque: RigidBodyTorque::feedforward(carried),
-                ..tracking(asked, body, j)
-            }));
-        }
+                ..follow
+            }
+        });
         Ok(())
     }
 }

@@ -7,11 +7,9 @@
 
 use control::{PlannedMotion, VelocityPlanner, VelocityStream};
 use robot_config::{JointParameters, Robot};
-use robot_state::{CommandedRecord, Mode, Reference};
+use robot_state::{Mode, Reference};
 
-use super::inverse_dynamics::tracking;
-use super::{Asked, Bounds, ClientMode, Follow, JointGoal, Made, RigidBody, Task, Unfit};
-use crate::inputs::Seen;
+use super::{Asked, Bounds, ClientMode, Made, ModeCycle, Unfit};
 
 /// For rounding of velocities that are meant to be the limit: as `ROUNDING` of crates/control/src/trajectory.rs.
 const ROUNDING: f64 = 1.001;
@@ -58,14 +56,8 @@ impl ClientMode for Velocity {
         false
     }
 
-    fn set_tasks(
-        &mut self,
-        asked: &Asked<'_>,
-        seen: &Seen<'_>,
-        body: &mut RigidBody,
-        _: &mut CommandedRecord,
-        tasks: &mut [Task],
-    ) -> Result<(), Unfit> {
+    fn set_tasks(&mut self, mut cycle: ModeCycle<'_>) -> Result<(), Unfit> {
+        let (asked, seen) = (cycle.asked, cycle.seen);
         let mut reference = *asked.reference;
         let joints = self
             .joints
@@ -90,18 +82,9 @@ impl ClientMode for Velocity {
             *before = next.q;
         }
         reference.contact_wrench_given = 0;
-        body.follow(&reference, seen);
-        let planned = Asked {
-            reference: &reference,
-            age_s: 0.0,
-            ..*asked
-        };
-        for (j, task) in tasks.iter_mut().enumerate() {
-            *task = Task::of(JointGoal::Follow(Follow {
-                mode: Mode::Velocity,
-                ..tracking(&planned, body, j)
-            }));
-        }
+        cycle.body.follow(&reference, seen);
+        let planned = Asked::planned(&reference);
+        cycle.track(Mode::Velocity, &planned, |_, follow| follow);
         Ok(())
     }
 }
