@@ -19,16 +19,17 @@ mod torsion_check;
 use core::fmt;
 
 use problem::Problem;
-use robot_config::Robot;
+use robot_config::{JointParameters, Robot};
 use robot_state::{
-    CommandedRecord, EstimatedRecord, Event, MAX_JOINTS, MeasuredRecord, Settings, torque_flags,
+    CommandedRecord, EstimatedRecord, Event, JointCommanded, JointEstimated, JointMeasured,
+    MAX_JOINTS, MeasuredRecord, Settings, command_flags, measured_flags, torque_flags,
 };
 use whole_body::WholeBody;
 
 use crate::estimate::{Estimate, FastTorque, Power};
 use crate::events::{Counts, Subject};
 use crate::joint::{Gap, Trust};
-use crate::measure::{JointReadiness, Measure};
+use crate::measure::{JointReadiness, Measure, NOT_USED};
 use crate::mode::JointBits;
 
 pub(crate) use command_delay::CommandDelay;
@@ -48,6 +49,58 @@ pub(crate) struct Evidence<'a> {
     pub(crate) overslept: bool,
     /// Joints that nothing but a torque holds, since the last cycle.
     pub(crate) alone: JointBits,
+    /// Sample period, s.
+    pub(crate) dt: f64,
+}
+
+/// What checks look at of one joint.
+pub(crate) struct JointEvidence<'a> {
+    pub(crate) measured: &'a JointMeasured,
+    pub(crate) estimated: &'a JointEstimated,
+    pub(crate) commanded: &'a JointCommanded,
+    pub(crate) fast: &'a FastTorque,
+    /// See [`Evidence`].
+    pub(crate) overslept: bool,
+    pub(crate) alone: bool,
+    pub(crate) dt: f64,
+}
+
+impl<'a> Evidence<'a> {
+    /// The evidence of each joint, in config order.
+    fn joints(&self) -> impl Iterator<Item = JointEvidence<'a>> {
+        let records = self.measured.joints.iter().zip(&self.estimated.joints);
+        let all = records.zip(&self.commanded.joints).zip(self.fast);
+        let (overslept, alone, dt) = (self.overslept, self.alone, self.dt);
+        all.enumerate().map(
+            move |(j, (((measured, estimated), commanded), fast))| JointEvidence {
+                measured,
+                estimated,
+                commanded,
+                fast,
+                overslept,
+                alone: alone & bit(j) != 0,
+                dt,
+            },
+        )
+    }
+}
+
+impl JointEvidence<'_> {
+    /// Set-points are sent to the joint: no brake carries its torque instead of the motor.
+    fn is_engaged(&self) -> bool {
+        self.commanded.flags & command_flags::ENGAGED != 0
+    }
+
+    /// The joint's angles show its torsion.
+    fn shows_torsion(&self) -> bool {
+        let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
+        self.measured.flags & unusable == 0
+    }
+
+    /// The motor's current neither stands still nor at an end of its range.
+    fn has_sound_current(&self) -> bool {
+        self.measured.flags & (measured_flags::FLAT | measured_flags::SATURATED) == 0
+    }
 }
 
 /// What a check has found in this cycle.
@@ -130,6 +183,48 @@ pub(crate) trait Check: fmt::Debug + Send {
     fn retare(&mut self) {}
 }
 
+/// A check of one joint by itself.
+trait JointCheck: fmt::Debug + Send {
+    /// Judges a cycle of joint `j`.
+    fn judge(&mut self, j: usize, evidence: &JointEvidence<'_>, verdict: &mut Verdict<'_>);
+
+    /// The F/T sensors' zeros are others from this cycle on.
+    fn retare(&mut self) {}
+}
+
+impl<C: JointCheck> Check for Vec<C> {
+    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
+        for ((j, own), joint) in self.iter_mut().enumerate().zip(evidence.joints()) {
+            own.judge(j, &joint, verdict);
+        }
+    }
+
+    fn retare(&mut self) {
+        self.iter_mut().for_each(JointCheck::retare);
+    }
+}
+
+/// The check of each joint that `of` makes.
+fn of_each<C: JointCheck + 'static>(
+    robot: &Robot,
+    of: impl Fn(&JointParameters) -> C,
+) -> Box<dyn Check> {
+    let joints = robot.parameters.joints.iter();
+    Box::new(joints.map(of).collect::<Vec<_>>())
+}
+
+/// Counts the samples in a row for which something `holds`; returns how many.
+fn count_in_a_row(samples: &mut u32, holds: bool) -> u32 {
+    *samples = if holds { samples.saturating_add(1) } else { 0 };
+    *samples
+}
+
+/// Adds up the time, s, for which something `holds`; returns it.
+fn time_in_a_row(time: &mut f64, holds: bool, dt: f64) -> f64 {
+    *time = if holds { *time + dt } else { 0.0 };
+    *time
+}
+
 /// What later stages may rely on in this cycle.
 #[derive(Debug, Clone)]
 pub(crate) struct Soundness {
@@ -191,6 +286,7 @@ pub(crate) struct Judge {
     /// Joints of which a check has found in this cycle that an encoder is wrong.
     distrusted: u64,
     settings: Settings,
+    sample_period: f64,
 }
 
 impl Judge {
@@ -221,6 +317,7 @@ impl Judge {
             },
             distrusted: 0,
             settings: Settings::default(),
+            sample_period: robot.parameters.timing.sample_period,
         })
     }
 
@@ -266,6 +363,7 @@ impl Judge {
                 whole_body: estimate.whole_body(),
                 overslept: readiness.overslept,
                 alone,
+                dt: self.sample_period,
             };
             check.judge(&evidence, &mut verdict);
             (distrusted, unfit) = (distrusted | verdict.distrusted, unfit | verdict.unfit);

@@ -4,7 +4,7 @@
 //! probably wrong. Of a joint without a link-side encoder F/T sensors and current are compared: the current
 //! stands where else the encoders do, with the friction that its torque is uncertain by.
 
-use robot_config::{CrossCheckSettings, JointParameters, Robot};
+use robot_config::{JointParameters, Robot};
 use robot_state::{Event, TorqueEstimate};
 use whole_body::{Cause, CrossCheck, CrossCheckParameters, Sources, WholeBody};
 
@@ -25,35 +25,29 @@ struct CrossCheckStage {
 
 /// Makes the check; none where it is not configured.
 pub(super) fn make(robot: &Robot, whole_body: &WholeBody) -> Option<Box<dyn Check>> {
-    let settings = robot.parameters.cross_check.as_ref()?;
-    Some(Box::new(CrossCheckStage::new(robot, whole_body, settings)))
-}
-
-impl CrossCheckStage {
-    fn new(robot: &Robot, whole_body: &WholeBody, settings: &CrossCheckSettings) -> Self {
-        let p = &robot.parameters;
-        let limits = |share: f64| p.joints.iter().map(|j| share * j.limits.torque).collect();
-        let check = CrossCheckParameters {
-            sample_period: p.timing.sample_period,
-            window: p.filters.window,
-            average: settings.average,
-            hold: settings.hold,
-            encoder_threshold: (p.joints.iter())
-                .map(|j| settings.encoder_share * j.limits.torque + friction(j))
-                .collect(),
-            current_load: limits(settings.current_load_share),
-            current_ratio: settings.current_ratio,
-            residual_ratio: settings.residual_ratio,
-            residual_floor: [0.5, 0.05],
-        };
-        let n = p.joints.len();
-        Self {
-            check: CrossCheck::new(whole_body, check),
-            sources: vec![Sources::default(); n],
-            by_current: p.joints.iter().map(|j| !j.has_link_encoder).collect(),
-            reported: Vec::with_capacity(3 * n + 2 * p.ft_sensors.len()),
-        }
-    }
+    let p = &robot.parameters;
+    let settings = p.cross_check.as_ref()?;
+    let joints = p.joints.iter();
+    let threshold = |j: &JointParameters| settings.encoder_share * j.limits.torque + friction(j);
+    let load = |j: &JointParameters| settings.current_load_share * j.limits.torque;
+    let check = CrossCheckParameters {
+        sample_period: p.timing.sample_period,
+        window: p.filters.window,
+        average: settings.average,
+        hold: settings.hold,
+        encoder_threshold: joints.clone().map(threshold).collect(),
+        current_load: joints.clone().map(load).collect(),
+        current_ratio: settings.current_ratio,
+        residual_ratio: settings.residual_ratio,
+        residual_floor: [0.5, 0.05],
+    };
+    let n = p.joints.len();
+    Some(Box::new(CrossCheckStage {
+        check: CrossCheck::new(whole_body, check),
+        sources: vec![Sources::default(); n],
+        by_current: joints.map(|j| !j.has_link_encoder).collect(),
+        reported: Vec::with_capacity(3 * n + 2 * p.ft_sensors.len()),
+    }))
 }
 
 impl Check for CrossCheckStage {
@@ -79,14 +73,12 @@ impl Check for CrossCheckStage {
             };
         }
         let found = self.check.update(&self.sources, evidence.whole_body);
-        for cause in found {
-            let begins = !self.reported.contains(cause);
+        for (k, cause) in found.iter().enumerate() {
             let (event, subject) = event(*cause);
-            verdict.lasts(event, subject, begins);
-        }
-        if let Some(cause) = found.first() {
-            let (event, subject) = event(*cause);
-            verdict.warn(event, subject);
+            verdict.lasts(event, subject, !self.reported.contains(cause));
+            if k == 0 {
+                verdict.warn(event, subject);
+            }
         }
         self.reported.clear();
         self.reported.extend_from_slice(found);

@@ -3,35 +3,28 @@
 //! A drive that is off may well report a current of zero, always the same.
 
 use robot_config::Robot;
-use robot_state::{DriveState, Event, measured_flags};
+use robot_state::{DriveState, Event};
 
-use super::{Check, Evidence, Verdict};
+use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::events::Subject;
 
-/// Whether each joint's current was implausible in the last cycle.
+/// Whether a joint's current was implausible in the last cycle.
 #[derive(Debug)]
-struct CurrentCheck {
-    before: Vec<bool>,
+struct Joint {
+    before: bool,
 }
 
 pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
-    Box::new(CurrentCheck {
-        before: vec![false; robot.parameters.joints.len()],
-    })
+    of_each(robot, |_| Joint { before: false })
 }
 
-impl Check for CurrentCheck {
-    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
-        let unsound = measured_flags::FLAT | measured_flags::SATURATED;
-        let records = (evidence.measured.joints.iter()).zip(&evidence.commanded.joints);
-        for (j, (before, (measured, commanded))) in self.before.iter_mut().zip(records).enumerate()
-        {
-            let enabled = commanded.drive_state == DriveState::Enabled.number();
-            let now = measured.flags & unsound != 0 && enabled;
-            if now {
-                verdict.lasts(Event::CurrentImplausible, Subject::Joint(j), !*before);
-            }
-            *before = now;
+impl JointCheck for Joint {
+    fn judge(&mut self, j: usize, evidence: &JointEvidence<'_>, verdict: &mut Verdict<'_>) {
+        let enabled = evidence.commanded.drive_state == DriveState::Enabled.number();
+        let now = !evidence.has_sound_current() && enabled;
+        if now {
+            verdict.lasts(Event::CurrentImplausible, Subject::Joint(j), !self.before);
         }
+        self.before = now;
     }
 }

@@ -18,13 +18,12 @@
 //! [`TorsionCheck`](super::torsion_check) judges what is that fast.
 
 use robot_config::{JointParameters, Robot};
-use robot_state::{Event, measured_flags};
+use robot_state::Event;
 
 use super::motor::Motor;
-use super::{Check, Evidence, Verdict, bit};
+use super::{Check, JointCheck, JointEvidence, Verdict, of_each, time_in_a_row};
 use crate::estimate::{KINEMATIC_SLOPE, valid};
 use crate::events::Subject;
-use crate::measure::NOT_USED;
 
 /// Time constant of `e` and `e_1`, s. Chosen on the simulated leg with slow drifts and with hands
 /// (`crates/cycle/tests/slow_drifts.rs`), and tried on `rt-tests/second-robot`.
@@ -115,60 +114,42 @@ struct Sample {
     desired: f64,
 }
 
-/// All joints of a robot.
-#[derive(Debug)]
-struct DriftCheck {
-    joints: Vec<Joint>,
-    dt: f64,
-}
-
 pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
-    Box::new(DriftCheck {
-        joints: robot.parameters.joints.iter().map(Joint::new).collect(),
-        dt: robot.parameters.timing.sample_period,
-    })
+    of_each(robot, Joint::new)
 }
 
-impl Check for DriftCheck {
-    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
-        let records = (evidence.measured.joints.iter()).zip(&evidence.estimated.joints);
-        let inputs = records.zip(evidence.fast).zip(&evidence.commanded.joints);
-        for (j, (joint, (((measured, estimated), fast), commanded))) in
-            self.joints.iter_mut().zip(inputs).enumerate()
-        {
-            let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
-            let torsion = fast.torsion.filter(|_| measured.flags & unusable == 0);
-            let body = valid(&estimated.tau_whole_body).map(|torque| torque.tau);
-            let alone = evidence.alone & bit(j) != 0 && !evidence.overslept;
-            let drifts = match torsion.zip(body) {
-                Some((torsion, body)) => {
-                    let sample = Sample {
-                        torques: [torsion, body],
-                        current: measured.current,
-                        omega: measured.omega,
-                        angle: measured.q,
-                        desired: commanded.tau_d,
-                    };
-                    let errors = joint.filter(&sample, self.dt);
-                    alone && joint.drifts(&errors, &sample, self.dt)
-                }
-                // A sample that cannot be used is bridged.
-                None => joint.before && alone,
-            };
-            if !alone {
-                joint.stand = None;
+impl JointCheck for Joint {
+    fn judge(&mut self, j: usize, evidence: &JointEvidence<'_>, verdict: &mut Verdict<'_>) {
+        let (measured, dt) = (evidence.measured, evidence.dt);
+        let torsion = evidence.fast.torsion.filter(|_| evidence.shows_torsion());
+        let body = valid(&evidence.estimated.tau_whole_body).map(|torque| torque.tau);
+        let alone = evidence.alone && !evidence.overslept;
+        let drifts = match torsion.zip(body) {
+            Some((torsion, body)) => {
+                let sample = Sample {
+                    torques: [torsion, body],
+                    current: measured.current,
+                    omega: measured.omega,
+                    angle: measured.q,
+                    desired: evidence.commanded.tau_d,
+                };
+                let errors = self.filter(&sample, dt);
+                alone && self.drifts(&errors, &sample, dt)
             }
-            if drifts {
-                verdict.lasts(Event::TorqueDrift, Subject::Joint(j), !joint.before);
-            }
-            joint.before = drifts;
+            // A sample that cannot be used is bridged.
+            None => self.before && alone,
+        };
+        if !alone {
+            self.stand = None;
         }
+        if drifts {
+            verdict.lasts(Event::TorqueDrift, Subject::Joint(j), !self.before);
+        }
+        self.before = drifts;
     }
 
     fn retare(&mut self) {
-        for joint in &mut self.joints {
-            (joint.stand, joint.errors) = (None, None);
-        }
+        (self.stand, self.errors) = (None, None);
     }
 }
 
@@ -233,11 +214,7 @@ impl Joint {
         let way = (sample.angle - stand.angle).abs();
         let has_left = way > STANDS_WITHIN;
         let settles = stand.time < SETTLES_S;
-        stand.elsewhere_s = if has_left && !turns {
-            stand.elsewhere_s + dt
-        } else {
-            0.0
-        };
+        time_in_a_row(&mut stand.elsewhere_s, has_left && !turns, dt);
         let same = (sample.desired - stand.desired).abs() <= SAME_TORQUE * limit;
         let slow = (errors.quick[0] - errors.quick[1]).abs() <= QUICK * limit;
         let stands_elsewhere = stand.elsewhere_s >= SETTLES_S;
@@ -264,8 +241,7 @@ impl Joint {
         let shown = errors.by_motor * drift.signum();
         let is_drift = !has_left || turns && shown > NEARER * drift.abs();
         let is_over = !settles && is_drift && drift.abs() > self.least + explained;
-        stand.over_s = if is_over { stand.over_s + dt } else { 0.0 };
-        stand.over_s >= LASTS_S
+        time_in_a_row(&mut stand.over_s, is_over, dt) >= LASTS_S
     }
 }
 
@@ -275,21 +251,14 @@ mod tests {
 
     const DT: f64 = 1e-3;
 
-    /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 100 N·m.
+    /// Torque limit of 100 N·m.
     fn joint() -> Joint {
         Joint {
             torque_limit: 100.0,
             least: 0.7,
             error_per_angle: 10.0,
             kinematic_way: 0.005,
-            motor: Motor {
-                k_1: 6.0,
-                k_2: 0.0,
-                k_3: 4.0,
-                inertia: 0.0,
-                gear_ratio: 100.0,
-                smoothing: 0.01,
-            },
+            motor: Motor::EXAMPLE,
             errors: None,
             stand: None,
             before: false,

@@ -16,12 +16,11 @@
 //! greater `e_2` alone does not stop anything, but forbids to enable the joint.
 
 use robot_config::{JointParameters, Robot};
-use robot_state::{command_flags, measured_flags, torque_flags};
+use robot_state::torque_flags;
 
 use super::motor::Motor;
-use super::{Check, Evidence, Verdict};
+use super::{Check, JointCheck, JointEvidence, Verdict, of_each, time_in_a_row};
 use crate::estimate::valid;
-use crate::measure::NOT_USED;
 
 /// Share of the torque limit beyond which both errors count while the motor stands: what a data sheet's stiffness, an
 /// uncalibrated kinematic error and a torque constant leave together. Chosen; no experiment recorded.
@@ -58,13 +57,6 @@ struct Joint {
     over_off_s: f64,
 }
 
-/// All joints of a robot.
-#[derive(Debug)]
-struct LevelCheck {
-    joints: Vec<Joint>,
-    sample_period: f64,
-}
-
 /// One cycle of one joint.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
@@ -78,58 +70,29 @@ struct Sample {
 }
 
 pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
-    Box::new(LevelCheck::new(robot))
+    of_each(robot, Joint::new)
 }
 
-impl LevelCheck {
-    fn new(robot: &Robot) -> Self {
-        let p = &robot.parameters;
-        Self {
-            joints: p.joints.iter().map(Joint::new).collect(),
-            sample_period: p.timing.sample_period,
+impl JointCheck for Joint {
+    fn judge(&mut self, j: usize, evidence: &JointEvidence<'_>, verdict: &mut Verdict<'_>) {
+        let (measured, estimated) = (evidence.measured, evidence.estimated);
+        // A saturated torque stands for the torque limit.
+        let shown = &estimated.tau_encoder;
+        let saturated = shown.flags & torque_flags::SATURATED != 0;
+        let torsion = (evidence.fast.torsion).or_else(|| saturated.then_some(shown.tau));
+        let usable = evidence.shows_torsion() && evidence.has_sound_current();
+        let torques = torsion.zip(valid(&estimated.tau_whole_body));
+        let sample = torques.filter(|_| usable).map(|(torsion, body)| Sample {
+            torsion,
+            current: measured.current,
+            omega: measured.omega,
+            whole_body: body.tau,
+        });
+        if self.update(sample, evidence.is_engaged(), evidence.dt) {
+            verdict.distrust(j);
         }
-    }
-}
-
-impl Check for LevelCheck {
-    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
-        let records = evidence
-            .measured
-            .joints
-            .iter()
-            .zip(&evidence.estimated.joints);
-        let inputs = records.zip(evidence.fast);
-        let joints = self
-            .joints
-            .iter_mut()
-            .zip(inputs)
-            .zip(&evidence.commanded.joints);
-        for (j, ((joint, ((measured, estimated), fast)), commanded)) in joints.enumerate() {
-            let unusable = NOT_USED
-                | measured_flags::STALE
-                | measured_flags::SETTLING
-                | measured_flags::FLAT
-                | measured_flags::SATURATED;
-            // A saturated torque stands for the torque limit.
-            let shown = &estimated.tau_encoder;
-            let saturated = shown.flags & torque_flags::SATURATED != 0;
-            let torsion = (fast.torsion).or_else(|| saturated.then_some(shown.tau));
-            let torsion = torsion.filter(|_| measured.flags & unusable == 0);
-            let sample = torsion
-                .zip(valid(&estimated.tau_whole_body))
-                .map(|(torsion, body)| Sample {
-                    torsion,
-                    current: measured.current,
-                    omega: measured.omega,
-                    whole_body: body.tau,
-                });
-            let on = commanded.flags & command_flags::ENGAGED != 0;
-            if joint.update(sample, on, self.sample_period) {
-                verdict.distrust(j);
-            }
-            if joint.over_off_s >= LASTS_S {
-                verdict.forbid(j);
-            }
+        if self.over_off_s >= LASTS_S {
+            verdict.forbid(j);
         }
     }
 }
@@ -168,11 +131,8 @@ impl Joint {
         }
         let [by_current, by_body] = *errors;
         let limit = self.torque_limit;
-        self.over_off_s = if !on && by_body.abs() > SHARE_OFF * limit {
-            self.over_off_s + dt
-        } else {
-            0.0
-        };
+        let is_beyond = !on && by_body.abs() > SHARE_OFF * limit;
+        time_in_a_row(&mut self.over_off_s, is_beyond, dt);
         let turns = self.motor.turns(omega, TURNS);
         let (share, friction) = if turns {
             (SHARE_TURNING, FRICTION_TURNING)
@@ -185,8 +145,7 @@ impl Joint {
             && by_current * by_body > 0.0
             && by_body.abs() > share * limit
             && by_current.abs() > share * limit + of_current;
-        self.over_s = if is_wrong { self.over_s + dt } else { 0.0 };
-        self.over_s >= LASTS_S
+        time_in_a_row(&mut self.over_s, is_wrong, dt) >= LASTS_S
     }
 }
 
@@ -196,17 +155,10 @@ mod tests {
 
     const DT: f64 = 1e-3;
 
-    /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 110 N·m.
+    /// Torque limit of 110 N·m.
     fn joint() -> Joint {
         Joint {
-            motor: Motor {
-                k_1: 6.0,
-                k_2: 0.0,
-                k_3: 4.0,
-                inertia: 0.0,
-                gear_ratio: 100.0,
-                smoothing: 0.01,
-            },
+            motor: Motor::EXAMPLE,
             torque_limit: 110.0,
             errors: None,
             omega: 0.0,

@@ -28,6 +28,17 @@ pub(super) struct Motor {
 }
 
 impl Motor {
+    /// For tests: torque constant of 6 N·m/A, friction of 4 N·m.
+    #[cfg(test)]
+    pub(super) const EXAMPLE: Self = Self {
+        k_1: 6.0,
+        k_2: 0.0,
+        k_3: 4.0,
+        inertia: 0.0,
+        gear_ratio: 100.0,
+        smoothing: 0.01,
+    };
+
     pub(super) fn new(joint: &JointParameters) -> Self {
         let (n, motor) = (joint.encoders.gear_ratio, &joint.estimator.wave_generator);
         Self {

@@ -8,7 +8,7 @@
 use robot_config::{JointParameters, Robot, Thermal};
 use robot_state::{Event, JointMeasured, measured_flags, reported_flags};
 
-use super::{Check, Evidence, Heat, Verdict};
+use super::{Check, Heat, JointCheck, JointEvidence, Verdict, of_each};
 use crate::events::Subject;
 
 /// Loads by the current at which it is warned of and from which on the torque limit falls, and at which it has fallen:
@@ -36,24 +36,11 @@ struct Drive {
     is_overheated: bool,
 }
 
-/// All drives of a robot.
-#[derive(Debug)]
-struct ThermalCheck {
-    /// Each joint's drive; none where it is not watched.
-    drives: Vec<Option<Drive>>,
-    sample_period: f64,
-}
-
 /// Makes the check; none where no drive is watched.
 pub(super) fn make(robot: &Robot) -> Option<Box<dyn Check>> {
-    let joints = &robot.parameters.joints;
-    let drives: Vec<_> = joints.iter().map(Drive::of).collect();
-    drives.iter().any(Option::is_some).then(|| {
-        Box::new(ThermalCheck {
-            drives,
-            sample_period: robot.parameters.timing.sample_period,
-        }) as Box<dyn Check>
-    })
+    let mut joints = robot.parameters.joints.iter();
+    let is_watched = joints.any(|joint| Drive::of(joint).is_some());
+    is_watched.then(|| of_each(robot, Drive::of))
 }
 
 impl Levels {
@@ -108,24 +95,21 @@ impl Drive {
     }
 }
 
-impl Check for ThermalCheck {
-    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
-        let joints = self.drives.iter_mut().zip(&evidence.measured.joints);
-        for (j, (drive, measured)) in joints.enumerate() {
-            let Some(drive) = drive else {
-                continue;
-            };
-            let (share, [hot, overheated]) = drive.update(measured, self.sample_period);
-            let load = drive.load;
-            verdict.heats(j, Heat { load, share });
-            let subject = Subject::Joint(j);
-            if drive.is_hot {
-                verdict.lasts(Event::DriveHot, subject, hot);
-                verdict.warn(Event::DriveHot, subject);
-            }
-            if drive.is_overheated {
-                verdict.lasts(Event::DriveOverheated, subject, overheated);
-            }
+impl JointCheck for Option<Drive> {
+    fn judge(&mut self, j: usize, evidence: &JointEvidence<'_>, verdict: &mut Verdict<'_>) {
+        let Some(drive) = self else {
+            return;
+        };
+        let (share, [hot, overheated]) = drive.update(evidence.measured, evidence.dt);
+        let load = drive.load;
+        verdict.heats(j, Heat { load, share });
+        let subject = Subject::Joint(j);
+        if drive.is_hot {
+            verdict.lasts(Event::DriveHot, subject, hot);
+            verdict.warn(Event::DriveHot, subject);
+        }
+        if drive.is_overheated {
+            verdict.lasts(Event::DriveOverheated, subject, overheated);
         }
     }
 }

@@ -19,7 +19,7 @@ use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, JointMeasured, command_flags, measured_flags};
 
-use super::{Check, Evidence, Verdict};
+use super::{Check, Evidence, Verdict, count_in_a_row};
 use crate::estimate::{UNUSABLE, valid};
 use crate::events::Subject;
 
@@ -67,32 +67,24 @@ struct TorqueCheck {
     /// h: the smoothing of the torque, on the torques by current.
     smoothed: FilterBank,
     currents: Vec<f64>,
-    sample_period: f64,
 }
 
 /// # Errors
 /// A filter that cannot be used.
 pub(super) fn make(robot: &Robot) -> Result<Box<dyn Check>, Problem> {
-    Ok(Box::new(TorqueCheck::new(robot)?))
-}
-
-impl TorqueCheck {
-    fn new(robot: &Robot) -> Result<Self, Problem> {
-        let p = &robot.parameters;
-        let joints: Vec<_> = (p.joints.iter().enumerate())
-            .filter(|(_, joint)| {
-                let fed_back = joint.gains.k_p > 0.0 || joint.gains.k_i > 0.0;
-                !joint.has_link_encoder && fed_back
-            })
-            .map(|(index, joint)| Joint::new(index, joint))
-            .collect();
-        Ok(Self {
-            smoothed: FilterBank::new(joints.len(), p.filters.long.sensor)?,
-            currents: vec![f64::NAN; joints.len()],
-            sample_period: p.timing.sample_period,
-            joints,
+    let p = &robot.parameters;
+    let joints: Vec<_> = (p.joints.iter().enumerate())
+        .filter(|(_, joint)| {
+            let fed_back = joint.gains.k_p > 0.0 || joint.gains.k_i > 0.0;
+            !joint.has_link_encoder && fed_back
         })
-    }
+        .map(|(index, joint)| Joint::new(index, joint))
+        .collect();
+    Ok(Box::new(TorqueCheck {
+        smoothed: FilterBank::new(joints.len(), p.filters.long.sensor)?,
+        currents: vec![f64::NAN; joints.len()],
+        joints,
+    }))
 }
 
 impl Check for TorqueCheck {
@@ -134,7 +126,7 @@ impl Check for TorqueCheck {
                 continue;
             };
             let before = joint.contradicts();
-            joint.update(by_current, (torque.tau, torque.sigma), self.sample_period);
+            joint.update(by_current, (torque.tau, torque.sigma), evidence.dt);
             if joint.contradicts() {
                 verdict.contradict(index);
                 verdict.lasts(Event::FtImplausible, Subject::Joint(index), !before);
@@ -181,12 +173,7 @@ impl Joint {
         } else {
             way > tolerance
         };
-        means.over = if turns {
-            means.over.saturating_add(1)
-        } else {
-            0
-        };
-        if means.over >= SAMPLES {
+        if count_in_a_row(&mut means.over, turns) >= SAMPLES {
             (means.contradicts, means.over) = (!means.contradicts, 0);
         }
         if !means.contradicts && means.over == 0 {

@@ -21,12 +21,11 @@
 //! ([`SOFTER`]) is a gear less stiff than configured, not a drift.
 
 use robot_config::{JointParameters, Robot};
-use robot_state::{TorqueEstimate, command_flags, measured_flags, torque_flags};
+use robot_state::{TorqueEstimate, torque_flags};
 
 use super::motor::Motor;
-use super::{Check, Evidence, Verdict};
+use super::{Check, JointCheck, JointEvidence, Verdict, count_in_a_row, of_each};
 use crate::estimate::{SETTLING_S, valid};
-use crate::measure::NOT_USED;
 
 /// Time constants between which a change counts, s. The longer one bounds what a slow drift can
 /// do before it is levelled out, the shorter one is the delay of the measured velocity.
@@ -114,67 +113,32 @@ struct Joint {
     changes: Option<Changes>,
 }
 
-/// All joints of a robot.
-#[derive(Debug)]
-struct TorsionCheck {
-    joints: Vec<Joint>,
-    sample_period: f64,
-}
-
 pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
-    Box::new(TorsionCheck::new(robot))
+    of_each(robot, |joint| {
+        Joint::new(joint, bears_a_sensor(robot, joint))
+    })
 }
 
-impl TorsionCheck {
-    fn new(robot: &Robot) -> Self {
-        let p = &robot.parameters;
-        Self {
-            joints: (p.joints.iter())
-                .map(|joint| Joint::new(joint, bears_a_sensor(robot, joint)))
-                .collect(),
-            sample_period: p.timing.sample_period,
+impl JointCheck for Joint {
+    fn judge(&mut self, j: usize, evidence: &JointEvidence<'_>, verdict: &mut Verdict<'_>) {
+        let (measured, fast) = (evidence.measured, evidence.fast);
+        if evidence.overslept || !evidence.is_engaged() {
+            // What comes next does not go on from what came before. Off, brakes carry the torque.
+            self.changes = None;
         }
-    }
-}
-
-impl Check for TorsionCheck {
-    fn judge(&mut self, evidence: &Evidence<'_>, verdict: &mut Verdict<'_>) {
-        if evidence.overslept {
-            // What comes next does not go on from what came before.
-            (self.joints.iter_mut()).for_each(|joint| joint.changes = None);
+        if !evidence.is_engaged() {
+            return;
         }
-        let records = evidence
-            .measured
-            .joints
-            .iter()
-            .zip(&evidence.estimated.joints);
-        let inputs = records.zip(evidence.fast);
-        let joints = self
-            .joints
-            .iter_mut()
-            .zip(inputs)
-            .zip(&evidence.commanded.joints);
-        for (j, ((joint, ((measured, estimated), fast)), commanded)) in joints.enumerate() {
-            if commanded.flags & command_flags::ENGAGED == 0 {
-                // Off, brakes carry the torque and the current none of it.
-                joint.changes = None;
-                continue;
-            }
-            let unusable = NOT_USED | measured_flags::STALE | measured_flags::SETTLING;
-            let torsion = fast
-                .torsion
-                .or_else(|| joint.at_least(&estimated.tau_encoder));
-            let Some(torsion) = torsion.filter(|_| measured.flags & unusable == 0) else {
-                joint.bridge();
-                continue;
-            };
-            let sound = measured_flags::FLAT | measured_flags::SATURATED;
-            let hat = valid(&fast.by_sensors).filter(|_| joint.is_witnessed);
-            let hat = hat.map(|hat| hat.tau);
-            let current = (measured.flags & sound == 0).then_some(measured.current);
-            if joint.update(torsion, current, measured.omega, hat, self.sample_period) {
-                verdict.distrust(j);
-            }
+        let torsion = (fast.torsion).or_else(|| self.at_least(&evidence.estimated.tau_encoder));
+        let Some(torsion) = torsion.filter(|_| evidence.shows_torsion()) else {
+            self.bridge();
+            return;
+        };
+        let hat = valid(&fast.by_sensors).filter(|_| self.is_witnessed);
+        let hat = hat.map(|hat| hat.tau);
+        let current = evidence.has_sound_current().then_some(measured.current);
+        if self.update(torsion, current, measured.omega, hat, evidence.dt) {
+            verdict.distrust(j);
         }
     }
 }
@@ -261,12 +225,7 @@ impl Joint {
                 settled && by_current.abs() > SHARE_ALONE * limit + friction
             }
         };
-        changes.over = if drifts {
-            changes.over.saturating_add(1)
-        } else {
-            0
-        };
-        changes.over >= SAMPLES
+        count_in_a_row(&mut changes.over, drifts) >= SAMPLES
     }
 }
 
@@ -295,17 +254,10 @@ fn bears_a_sensor(robot: &Robot, joint: &JointParameters) -> bool {
 mod tests {
     use super::*;
 
-    /// Torque constant of 6 N·m/A, friction of 4 N·m, limit of 110 N·m.
+    /// Torque limit of 110 N·m.
     fn joint() -> Joint {
         Joint {
-            motor: Motor {
-                k_1: 6.0,
-                k_2: 0.0,
-                k_3: 4.0,
-                inertia: 0.0,
-                gear_ratio: 100.0,
-                smoothing: 0.01,
-            },
+            motor: Motor::EXAMPLE,
             torque_limit: 110.0,
             is_witnessed: true,
             has_link_encoder: true,
