@@ -213,18 +213,6 @@ fn of_each<C: JointCheck + 'static>(
     Box::new(joints.map(of).collect::<Vec<_>>())
 }
 
-/// Counts the samples in a row for which something `holds`; returns how many.
-fn count_in_a_row(samples: &mut u32, holds: bool) -> u32 {
-    *samples = if holds { samples.saturating_add(1) } else { 0 };
-    *samples
-}
-
-/// Adds up the time, s, for which something `holds`; returns it.
-fn time_in_a_row(time: &mut f64, holds: bool, dt: f64) -> f64 {
-    *time = if holds { *time + dt } else { 0.0 };
-    *time
-}
-
 /// What later stages may rely on in this cycle.
 #[derive(Debug, Clone)]
 pub(crate) struct Soundness {

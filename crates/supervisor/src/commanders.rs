@@ -12,7 +12,7 @@
 use control::{BufferedTrajectory, TrajectoryLimits};
 use robot_state::{CommanderRecord, Mode, Reference, TrajectoryPiece, piece_refusal};
 
-use crate::lease::{Bid, Lease, Verdict};
+use crate::lease::{Lease, Verdict};
 
 /// References of all clients in, the one to be followed out.
 #[derive(Debug)]
@@ -64,7 +64,7 @@ impl Commanders {
 
     /// Takes a reference that has arrived, of whichever client, as it came.
     pub fn offer(&mut self, reference: &Reference, now_ns: u64) -> Verdict {
-        let verdict = self.lease.offer(&Bid::from(reference), now_ns);
+        let verdict = self.lease.offer(reference, now_ns);
         match verdict {
             Verdict::Granted => self.follow(reference),
             Verdict::TakenOver => {

@@ -5,6 +5,8 @@
 //! encoders is right, so either one that shows the joint away from where it is held ends the hold, and so
 //! does a motor that presses with all that it may: the drive is switched off, and its brake holds.
 
+use crate::in_a_row::count_in_a_row;
+
 /// What ends the hold of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HoldWatchParameters {
@@ -72,12 +74,8 @@ impl HoldWatch {
         let is_away = ahead.iter().any(|way| way.abs() > p.way);
         self.ways.rotate_right(1);
         self.ways[0] = ways;
-        self.pressed = if held.torque.abs() >= p.torque {
-            self.pressed.saturating_add(1)
-        } else {
-            0
-        };
-        is_away || self.pressed >= p.samples
+        let pressed = count_in_a_row(&mut self.pressed, held.torque.abs() >= p.torque);
+        is_away || pressed >= p.samples
     }
 }
 

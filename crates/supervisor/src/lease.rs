@@ -14,42 +14,6 @@
 
 use robot_state::{Mode, Reference, lease_refusal};
 
-/// The part of a reference on which the lease depends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bid {
-    /// Session, a random number.
-    pub session: u64,
-    /// Instant at which the session began, ns.
-    pub began_ns: u64,
-    /// Count of the session's references.
-    pub sequence: u64,
-    /// Instant of sending, ns.
-    pub sent_ns: u64,
-    /// Priority; that of the session's first reference holds.
-    pub priority: u32,
-    /// Process of the commander.
-    pub pid: u32,
-    /// Whether the reference asks for mode hold.
-    pub asks_hold: bool,
-    /// Whether the reference gives the lease back.
-    pub gives_back: bool,
-}
-
-impl From<&Reference> for Bid {
-    fn from(reference: &Reference) -> Self {
-        Self {
-            session: reference.session,
-            began_ns: reference.session_began_ns,
-            sequence: reference.sequence,
-            sent_ns: reference.sent_ns,
-            priority: reference.priority,
-            pid: reference.pid,
-            asks_hold: reference.mode == Mode::Hold.number(),
-            gives_back: reference.gives_back != 0,
-        }
-    }
-}
-
 /// The session that has the lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holder {
@@ -122,59 +86,65 @@ impl Lease {
     }
 
     /// Decides on a reference that arrived at `now_ns`.
-    pub fn offer(&mut self, bid: &Bid, now_ns: u64) -> Verdict {
+    pub fn offer(&mut self, reference: &Reference, now_ns: u64) -> Verdict {
         // A clock that is ahead does not make a reference younger than its arrival.
-        let sent_ns = bid.sent_ns.min(now_ns);
-        if bid.session == 0 || bid.began_ns > sent_ns {
+        let sent_ns = reference.sent_ns.min(now_ns);
+        let session = (reference.session, reference.session_began_ns);
+        if reference.session == 0 || reference.session_began_ns > sent_ns {
             return Verdict::Refused(lease_refusal::INVALID);
         }
         if now_ns - sent_ns > self.timeout_ns {
             return Verdict::Refused(lease_refusal::TOO_OLD);
         }
-        let bid = Bid { sent_ns, ..*bid };
         match self.holder {
-            Some(holder) if (holder.session, holder.began_ns) == (bid.session, bid.began_ns) => {
-                self.renew(&holder, &bid)
+            Some(holder) if (holder.session, holder.began_ns) == session => {
+                self.renew(&holder, reference, sent_ns)
             }
-            holder => self.claim(holder.as_ref(), &bid, now_ns),
+            holder => self.claim(holder.as_ref(), reference, [now_ns, sent_ns]),
         }
     }
 
-    fn renew(&mut self, holder: &Holder, bid: &Bid) -> Verdict {
-        if bid.sequence <= holder.sequence || bid.sent_ns < holder.sent_ns {
+    fn renew(&mut self, holder: &Holder, reference: &Reference, sent_ns: u64) -> Verdict {
+        if reference.sequence <= holder.sequence || sent_ns < holder.sent_ns {
             return Verdict::Refused(lease_refusal::NOT_ADVANCED);
         }
-        if bid.gives_back {
+        if reference.gives_back != 0 {
             self.holder = None;
             return Verdict::GivenBack;
         }
         self.holder = Some(Holder {
-            sequence: bid.sequence,
-            sent_ns: bid.sent_ns,
+            sequence: reference.sequence,
+            sent_ns,
             ..*holder
         });
         Verdict::Renewed
     }
 
-    fn claim(&mut self, holder: Option<&Holder>, bid: &Bid, now_ns: u64) -> Verdict {
-        if holder.is_some_and(|holder| bid.priority <= holder.priority) {
+    fn claim(
+        &mut self,
+        holder: Option<&Holder>,
+        reference: &Reference,
+        [now_ns, sent_ns]: [u64; 2],
+    ) -> Verdict {
+        let began_ns = reference.session_began_ns;
+        if holder.is_some_and(|holder| reference.priority <= holder.priority) {
             return Verdict::Refused(lease_refusal::HELD);
         }
-        if self.youngest_began_ns.is_some_and(|ns| bid.began_ns <= ns) {
+        if self.youngest_began_ns.is_some_and(|ns| began_ns <= ns) {
             return Verdict::Refused(lease_refusal::OLD_SESSION);
         }
-        if !bid.asks_hold || bid.gives_back {
+        if reference.mode != Mode::Hold.number() || reference.gives_back != 0 {
             return Verdict::Refused(lease_refusal::HOLD_FIRST);
         }
-        self.youngest_began_ns = Some(bid.began_ns);
+        self.youngest_began_ns = Some(began_ns);
         self.holder = Some(Holder {
-            session: bid.session,
-            began_ns: bid.began_ns,
-            pid: bid.pid,
-            priority: bid.priority,
+            session: reference.session,
+            began_ns,
+            pid: reference.pid,
+            priority: reference.priority,
             since_ns: now_ns,
-            sequence: bid.sequence,
-            sent_ns: bid.sent_ns,
+            sequence: reference.sequence,
+            sent_ns,
         });
         match holder {
             Some(_) => Verdict::TakenOver,

@@ -9,6 +9,7 @@ mod commanders;
 mod drive;
 mod following;
 mod hold_watch;
+mod in_a_row;
 mod lease;
 mod limiter;
 mod plausibility;
@@ -22,7 +23,8 @@ pub use drive::{
 };
 pub use following::{Deviation, Following, FollowingParameters, Shown};
 pub use hold_watch::{Held, HoldWatch, HoldWatchParameters};
-pub use lease::{Bid, Holder, Lease, Verdict};
+pub use in_a_row::{count_in_a_row, time_in_a_row};
+pub use lease::{Holder, Lease, Verdict};
 pub use limiter::{Braking, Limited, Limiter, Limits, Motion};
 pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};

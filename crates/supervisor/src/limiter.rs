@@ -16,7 +16,6 @@
 
 mod current;
 mod limits;
-mod no_current;
 mod position;
 
 use control::DriveModel;
@@ -185,12 +184,6 @@ impl Limiter {
         self.motor_velocity = motor_velocity.filter(|omega| omega.is_finite());
     }
 
-    /// The joint is within its position limits, by this angle.
-    #[must_use]
-    pub fn is_inside(&self, q: f64) -> bool {
-        (self.limits.position_min..=self.limits.position_max).contains(&q)
-    }
-
     /// The command that may be sent instead of `asked`.
     pub fn limit(&mut self, asked: f64, motion: &Motion) -> Limited {
         self.yielded = 0.0;
@@ -212,6 +205,16 @@ impl Limiter {
     /// the sample is not `usable`.
     pub fn hold(&mut self, asked: f64, motion: &Motion, usable: bool) -> Limited {
         self.limited(asked, motion, Some(usable))
+    }
+
+    /// No current at all, at once, whatever was sent before: where any would drive a joint that is to stand.
+    pub fn no_current(&mut self, asked: f64) -> Limited {
+        (self.last, self.last_torque) = (0.0, 0.0);
+        (self.kept_back, self.keeps_back) = (0.0, 0);
+        Limited {
+            asked,
+            ..Limited::default()
+        }
     }
 
     /// `held`: the set-point holds, and whether the sample is usable.

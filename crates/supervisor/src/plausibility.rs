@@ -13,6 +13,7 @@
 mod standstill;
 mod steps;
 
+use crate::in_a_row::count_in_a_row;
 pub use standstill::MotorSample;
 use standstill::Standstill;
 use steps::{Course, JITTER, Least, Step, Steps};
@@ -180,15 +181,9 @@ impl Plausibility {
                 stepped == Step::None && self.explains(torsion)
             }
         };
-        if good {
-            self.good = self.good.saturating_add(1);
-            self.bad = 0;
-        } else {
-            self.bad = self.bad.saturating_add(1);
-            self.good = 0;
-        }
-        let trusted = self.good >= self.parameters.samples_to_trust;
-        let doubted = self.bad >= self.parameters.samples_to_doubt;
+        let p = &self.parameters;
+        let trusted = count_in_a_row(&mut self.good, good) >= p.samples_to_trust;
+        let doubted = count_in_a_row(&mut self.bad, !good) >= p.samples_to_doubt;
         // Readings that agree with each other again may still be another joint's.
         self.slipped |= doubted && matches!(self.trust, Trust::Plausible | Trust::Suspect);
         self.trust = match self.trust {
@@ -236,29 +231,18 @@ impl Plausibility {
                 return Step::Confirmed;
             }
         }
-        let steps = [
-            self.torsion.follow(
-                torsion,
-                Least {
-                    beside: p.beside,
-                    step: p.step,
-                    jitter: 0.0,
-                },
-            ),
-            self.motor.follow(
-                motor,
-                Least {
-                    beside: p.motor_step,
-                    step: p.motor_step,
-                    jitter: JITTER,
-                },
-            ),
-        ];
-        match steps {
-            [Step::Confirmed, _] | [_, Step::Confirmed] => Step::Confirmed,
-            [Step::Pending, _] | [_, Step::Pending] => Step::Pending,
-            [Step::None, Step::None] => Step::None,
-        }
+        let of_torsion = Least {
+            beside: p.beside,
+            step: p.step,
+            jitter: 0.0,
+        };
+        let of_motor = Least {
+            beside: p.motor_step,
+            step: p.motor_step,
+            jitter: JITTER,
+        };
+        let torsion = self.torsion.follow(torsion, of_torsion);
+        torsion.max(self.motor.follow(motor, of_motor))
     }
 
     /// Whether the gear can reach this torsion, rad.

@@ -9,6 +9,8 @@
 
 use core::f64::consts::TAU;
 
+use crate::in_a_row::count_in_a_row;
+
 /// Probability at which equal samples are no chance: thirty signals at 1 kHz make 10¹² samples in a
 /// year.
 const CHANCE: f64 = 1e-12;
@@ -119,17 +121,13 @@ impl Followed {
             resolution,
             flat_after,
         } = self.parameters;
-        self.same = if value == self.last {
-            self.same.saturating_add(1)
-        } else {
-            0
-        };
+        let same = count_in_a_row(&mut self.same, value == self.last);
         self.last = value;
         let half = 0.5 * resolution;
         // One that stays at an end of its range is no less saturated.
         if value <= min + half || value >= max - half {
             Liveness::Saturated
-        } else if flat_after.is_some_and(|most| self.same >= most) {
+        } else if flat_after.is_some_and(|most| same >= most) {
             Liveness::Flat
         } else {
             Liveness::Live

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use proptest::prelude::*;
 use robot_state::{Mode, Reference, lease_refusal};
-use supervisor::{Bid, Commanders, Lease, Verdict};
+use supervisor::{Commanders, Lease, Verdict};
 
 const TIMEOUT_NS: u64 = 40;
 
@@ -63,6 +63,40 @@ fn step() -> impl Strategy<Value = Step> {
             }
         ),
     ]
+}
+
+/// The part of a reference on which the lease depends.
+#[derive(Debug, Clone, Copy)]
+struct Bid {
+    session: u64,
+    began_ns: u64,
+    sequence: u64,
+    sent_ns: u64,
+    priority: u32,
+    pid: u32,
+    asks_hold: bool,
+    gives_back: bool,
+}
+
+impl Bid {
+    fn reference(&self) -> Reference {
+        let mode = if self.asks_hold {
+            Mode::Hold
+        } else {
+            Mode::Torque
+        };
+        Reference {
+            session: self.session,
+            session_began_ns: self.began_ns,
+            sequence: self.sequence,
+            sent_ns: self.sent_ns,
+            priority: self.priority,
+            pid: self.pid,
+            mode: mode.number(),
+            gives_back: u32::from(self.gives_back),
+            ..Reference::default()
+        }
+    }
 }
 
 /// State of a session by its references that were followed.
@@ -223,7 +257,7 @@ proptest! {
                 }
             }
             let Some(bid) = history.bid(step) else { continue };
-            match lease.offer(&bid, history.now_ns) {
+            match lease.offer(&bid.reference(), history.now_ns) {
                 Verdict::Refused(reason) => history.check_refused(&bid, reason),
                 verdict => history.check_followed(&bid, verdict),
             }
@@ -243,7 +277,7 @@ proptest! {
             asks_hold: true,
             gives_back: false,
         };
-        prop_assert_eq!(lease.offer(&fresh, history.now_ns), Verdict::Granted);
+        prop_assert_eq!(lease.offer(&fresh.reference(), history.now_ns), Verdict::Granted);
     }
 
     /// Several references of several sessions in each cycle; the cycles see them in order.

@@ -19,20 +19,10 @@ pub(crate) struct LinearLaw {
 impl LinearLaw {
     /// The law where the gear has this stiffness, N·m/rad.
     pub(crate) fn new(parameters: &LawParameters, stiffness: f64) -> Self {
-        let drive = match parameters.drive {
-            DriveLoop::Position {
-                stiffness,
-                damping,
-                integral,
-                ..
-            } => DriveLoop::Position {
-                stiffness,
-                damping,
-                dead_zone: 0.0,
-                integral,
-            },
-            current => current,
-        };
+        let mut drive = parameters.drive;
+        if let DriveLoop::Position { dead_zone, .. } = &mut drive {
+            *dead_zone = 0.0;
+        }
         let mut law = PredictiveLaw::new(LawParameters {
             drive,
             gear: GearStiffness::constant(stiffness),

@@ -207,13 +207,8 @@ impl LawParameters {
     /// damping, to which the delay of such a command adds.
     #[must_use]
     pub fn torque_lag(&self) -> f64 {
-        let (stiffness, damping) = match self.drive {
-            DriveLoop::Position {
-                stiffness, damping, ..
-            } => (stiffness, damping),
-            DriveLoop::Current { viscous, .. } => (0.0, viscous),
-        };
-        let wound_up = (damping + stiffness * self.delay) / self.gear.k_fs0;
+        let rotor = self.rotor_damping() + self.drive_stiffness() * self.delay;
+        let wound_up = rotor / self.gear.k_fs0;
         0.5 * self.sample_period + self.delay + wound_up
     }
 
@@ -273,7 +268,8 @@ impl LawParameters {
 
     /// Torque of the motor without damping, with a command: for a position-commanded drive that of
     /// its spring, whose own end moves with the rotor.
-    pub(super) fn motor_torque(&self, command: f64, theta: f64) -> f64 {
+    #[must_use]
+    pub fn motor_torque(&self, command: f64, theta: f64) -> f64 {
         match self.drive {
             DriveLoop::Position {
                 stiffness,

@@ -16,6 +16,7 @@ use estimators::filter_bank::FilterBank;
 use problem::Problem;
 use robot_config::{ExternalTorqueSettings, JointParameters, Robot};
 use robot_state::{EstimatedRecord, Event, JointMeasured, MeasuredRecord, measured_flags};
+use supervisor::count_in_a_row;
 use whole_body::{
     ContactDetector, ContactDetectorParameters, ContactForce, ContactThresholds, MomentumObserver,
     MomentumObserverParameters, WholeBody,
@@ -281,12 +282,8 @@ impl Change {
         for ((newest, (missed, seen)), fast) in self.newest.iter_mut().zip(states).zip(fast) {
             // Without the level the error of a gear at rest would look like a change.
             *newest = fast.levelled_freely.unwrap_or(f64::NAN);
-            *missed = if newest.is_finite() {
-                0
-            } else {
-                missed.saturating_add(1)
-            };
-            *seen = if *missed > BRIDGED {
+            let missed = count_in_a_row(missed, !newest.is_finite());
+            *seen = if missed > BRIDGED {
                 0
             } else {
                 (*seen + 1).min(self.window)
@@ -356,8 +353,7 @@ impl Gaps {
         self.left = self.left.saturating_sub(1);
         let mut gap = measure.skipped() > 0;
         let mut count = |missed: &mut u32, lost: bool| {
-            *missed = if lost { missed.saturating_add(1) } else { 0 };
-            gap |= *missed > BRIDGED;
+            gap |= count_in_a_row(missed, lost) > BRIDGED;
         };
         for (missed, joint) in self.joints.iter_mut().zip(&measured.joints) {
             count(missed, joint.flags & NOT_USED != 0);

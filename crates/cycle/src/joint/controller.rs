@@ -1,7 +1,7 @@
 //! Controller: one joint's state, its law and its limits.
 
 use control::DriveModel;
-use control::predictive::TorqueTerms;
+use control::predictive::{PredictiveLaw, TorqueTerms};
 use problem::Problem;
 use robot_config::Parameters;
 use robot_state::{JointCommanded, Mode, command_flags, measured_flags};
@@ -157,14 +157,15 @@ impl Controller {
     pub(super) fn begins_to_mismatch_model(&mut self, goal: &JointGoal) -> bool {
         let before = self.mismatches;
         let follows = matches!(goal, JointGoal::Follow(_));
-        self.mismatches = self.law.mismatches_model() && (before || follows);
+        let unlike = (self.law.predictive()).is_some_and(PredictiveLaw::drive_is_unlike);
+        self.mismatches = unlike && (before || follows);
         self.mismatches && !before
     }
 
     /// Whether the joint first shows in this cycle that its drive integrates without being configured so.
     pub(super) fn begins_to_integrate(&mut self) -> bool {
-        let before = std::mem::replace(&mut self.integrates, self.law.drive_integrates());
-        self.integrates && !before
+        let integrates = (self.law.predictive()).is_some_and(PredictiveLaw::drive_integrates);
+        integrates && !std::mem::replace(&mut self.integrates, integrates)
     }
 
     /// The hold has begun to swing its joint, in this cycle.
@@ -186,7 +187,7 @@ impl Controller {
             ..*input
         };
         self.law.observe(&self.constants, &motion, input);
-        let after_gap = self.law.velocities_after_gap();
+        let after_gap = (self.law.predictive()).and_then(PredictiveLaw::velocities_after_gap);
         let deviation = self.deviation(&motion, after_gap, input);
         let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
         self.doubted |= self.is_motor_side_only() && is_doubtful;
@@ -241,7 +242,8 @@ impl Controller {
         if input.measured.flags & measured_flags::MISSED != 0 {
             return None;
         }
-        let integral = self.law.drive_integral_torque();
+        let integral = self.law.predictive();
+        let integral = integral.map_or(0.0, PredictiveLaw::drive_integral_torque);
         let shown = (self.constants).shown(input.measured, motion, after_gap, integral);
         self.following.update(&Shown {
             followed: matches!(self.state, Some(State::Follow(_))),

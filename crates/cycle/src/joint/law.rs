@@ -5,7 +5,6 @@
 
 mod motor_side;
 mod predictive;
-mod proportional_integral;
 
 use control::predictive::{PredictiveLaw, TorqueTerms};
 use control::{DriveModel, TorqueLoop};
@@ -79,44 +78,17 @@ impl Law {
         law.observe(&sensed(input.measured, motion, input.fast, per_current));
     }
 
-    /// Velocities of link and rotor just after a gap, which no filter knows yet, rad/s.
-    pub(super) fn velocities_after_gap(&self) -> Option<[f64; 2]> {
+    /// The predictive law, which alone observes joint and drive.
+    pub(super) fn predictive(&self) -> Option<&PredictiveLaw> {
         match self {
-            Self::Predictive(law) => law.velocities_after_gap(),
+            Self::Predictive(law) => Some(law),
             _ => None,
         }
     }
 
     /// Velocity of the link by the law's observer, if it has one, rad/s: younger than the filter's.
     pub(super) fn link_velocity(&self) -> Option<f64> {
-        match self {
-            Self::Predictive(law) => Some(law.link_velocity()),
-            _ => None,
-        }
-    }
-
-    /// The drive does not behave like its model.
-    pub(super) fn mismatches_model(&self) -> bool {
-        match self {
-            Self::Predictive(law) => law.drive_is_unlike(),
-            _ => false,
-        }
-    }
-
-    /// The drive integrates, and is not known to.
-    pub(super) fn drive_integrates(&self) -> bool {
-        match self {
-            Self::Predictive(law) => law.drive_integrates(),
-            _ => false,
-        }
-    }
-
-    /// Torque that the drive makes without a lead, by an integral that is known of, N·m.
-    pub(super) fn drive_integral_torque(&self) -> f64 {
-        match self {
-            Self::Predictive(law) => law.drive_integral_torque(),
-            _ => 0.0,
-        }
+        self.predictive().map(PredictiveLaw::link_velocity)
     }
 
     /// A mode begins after the command `last`. Returns from where its transition leads: a command, or the torque
@@ -179,8 +151,11 @@ impl Law {
             }
             Self::MotorSide(law) => law.command(desired, transition, joint, input, commanded),
             Self::ProportionalIntegral(torque_loop) => {
-                let command =
-                    proportional_integral::command(torque_loop, desired, joint, input, commanded);
+                let (tau_d, limit) = (desired.terms.sum(), joint.limits.torque);
+                let tau_star =
+                    torque_loop.update(tau_d, input.torque(), &joint.gains, limit, input.dt);
+                let leads = (tau_star, against_friction(joint, input));
+                let command = lead_motor(desired, leads, joint, input, commanded);
                 transition.blend(command, input.dt)
             }
         }
@@ -209,7 +184,8 @@ fn lead_motor(
         position,
         velocity,
     } = desired.terms;
-    let tau_d = sum(&desired.terms);
+    //= D12: tau_d = M ddq_d + h_hat - J^T f* + K_s (q_d - q) + K_d (dq_d - dq)
+    let tau_d = desired.terms.sum();
     let limit = joint.limits.torque;
     let limited = tau_star.clamp(-limit, limit);
     let measured = input.measured;
@@ -253,11 +229,6 @@ fn lead_motor(
         DriveModel::Position(_) => measured.theta / joint.gear_ratio + command,
         DriveModel::Current(_) => command,
     }
-}
-
-//= D12: tau_d = M ddq_d + h_hat - J^T f* + K_s (q_d - q) + K_d (dq_d - dq)
-fn sum(terms: &TorqueTerms) -> f64 {
-    terms.feedforward + terms.force + terms.position + terms.velocity
 }
 
 /// The lead against the friction of a joint that moves so, rad or A.

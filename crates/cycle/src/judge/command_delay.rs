@@ -27,6 +27,7 @@
 use nalgebra::{SMatrix, SVector};
 use robot_config::{JointParameters, Robot};
 use robot_state::{CommandedRecord, Event, MeasuredRecord, command_flags, measured_flags};
+use supervisor::count_in_a_row;
 
 use crate::events::{Counts, Subject};
 use crate::joint::Gap;
@@ -290,11 +291,7 @@ impl Joint {
         let configured = (self.configured + self.latency) / period;
         let slack = SLACK + SIGMAS * found.variance.sqrt();
         let range = configured - slack..=configured + 1.0 + slack;
-        self.off = if range.contains(&found.periods) {
-            0
-        } else {
-            self.off.saturating_add(1)
-        };
+        count_in_a_row(&mut self.off, !range.contains(&found.periods));
         let before = KEPT * self.weight;
         self.weight = before + 1.0;
         let share = self.weight.recip();

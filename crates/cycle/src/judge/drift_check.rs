@@ -19,9 +19,10 @@
 
 use robot_config::{JointParameters, Robot};
 use robot_state::Event;
+use supervisor::time_in_a_row;
 
 use super::motor::Motor;
-use super::{Check, JointCheck, JointEvidence, Verdict, of_each, time_in_a_row};
+use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::estimate::{KINEMATIC_SLOPE, valid};
 use crate::events::Subject;
 

@@ -17,9 +17,10 @@
 
 use robot_config::{JointParameters, Robot};
 use robot_state::torque_flags;
+use supervisor::time_in_a_row;
 
 use super::motor::Motor;
-use super::{Check, JointCheck, JointEvidence, Verdict, of_each, time_in_a_row};
+use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::estimate::valid;
 
 /// Share of the torque limit beyond which both errors count while the motor stands: what a data sheet's stiffness, an

@@ -18,8 +18,9 @@ use estimators::filter_bank::FilterBank;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{Event, JointMeasured, command_flags, measured_flags};
+use supervisor::count_in_a_row;
 
-use super::{Check, Evidence, Verdict, count_in_a_row};
+use super::{Check, Evidence, Verdict};
 use crate::estimate::{UNUSABLE, valid};
 use crate::events::Subject;
 

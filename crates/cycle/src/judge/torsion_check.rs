@@ -22,9 +22,10 @@
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{TorqueEstimate, torque_flags};
+use supervisor::count_in_a_row;
 
 use super::motor::Motor;
-use super::{Check, JointCheck, JointEvidence, Verdict, count_in_a_row, of_each};
+use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::estimate::{SETTLING_S, valid};
 
 /// Time constants between which a change counts, s. The longer one bounds what a slow drift can

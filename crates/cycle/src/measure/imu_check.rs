@@ -6,6 +6,8 @@
 //! sensor whose axes are exchanged, reversed or offset from one sample to the next goes stale so.
 //! Errors that are there from the start are not found here.
 
+use nalgebra::Vector3;
+
 /// Acceleration of the base beside gravity, m/s²: more than that of a free fall (9.81), less than the difference of two
 /// axes of which one shows gravity (13.9).
 const ACCELERATION: f64 = 11.5;
@@ -27,7 +29,7 @@ pub(super) struct ImuCheck {
     gap: f64,
     /// Proper acceleration at rest, m/s², and rate of turn of the last plausible sample, rad/s; none
     /// before the first.
-    last: Option<[[f64; 3]; 2]>,
+    last: Option<[Vector3<f64>; 2]>,
     /// Time since then, s.
     since: f64,
 }
@@ -57,6 +59,7 @@ impl ImuCheck {
         dt: f64,
         holds: bool,
     ) -> bool {
+        let (gyro, acceleration) = (Vector3::from(gyro), Vector3::from(acceleration));
         if holds && self.since > RESTART {
             self.last = None;
         }
@@ -65,33 +68,21 @@ impl ImuCheck {
             self.since = 0.0;
             return true;
         };
-        let turned = distance(&gyro, last) <= TURN_STEP * self.gap + TURN_RATE * self.since;
+        let turned = (gyro - *last).norm() <= TURN_STEP * self.gap + TURN_RATE * self.since;
         turn(gravity, if turned { &gyro } else { last }, dt);
-        if !turned || distance(&acceleration, gravity) > ACCELERATION {
+        if !turned || (acceleration - *gravity).norm() > ACCELERATION {
             self.since += dt;
             return false;
         }
-        for (gravity, a) in gravity.iter_mut().zip(acceleration) {
-            *gravity += (dt / CORRECTION).min(1.0) * (a - *gravity);
-        }
+        *gravity += (acceleration - *gravity) * (dt / CORRECTION).min(1.0);
         (*last, self.since) = (gyro, 0.0);
         true
     }
 }
 
 /// A vector that stands, seen from axes that turn.
-fn turn(v: &mut [f64; 3], omega: &[f64; 3], dt: f64) {
-    let ([x, y, z], [a, b, c]) = (*v, *omega);
-    *v = [
-        x - dt * (b * z - c * y),
-        y - dt * (c * x - a * z),
-        z - dt * (a * y - b * x),
-    ];
-}
-
-fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
-    squares.sum::<f64>().sqrt()
+fn turn(v: &mut Vector3<f64>, omega: &Vector3<f64>, dt: f64) {
+    *v -= omega.cross(v) * dt;
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 use problem::{Problem, listed};
 use robot_config::Robot;
 use robot_state::{Event, MAX_FURTHER_IMUS, measured_flags};
+use supervisor::time_in_a_row;
 use whole_body::{CarriedImu, WholeBodyInput};
 
 use super::filtered::Filtered;
@@ -109,11 +110,7 @@ impl Agreement {
         );
         let limits = limits.map(|l| QUICK_FACTOR * l);
         self.parts = average(&mut self.quick, differences, dt / QUICK_S, limits);
-        self.agreed = if self.disagrees {
-            0.0
-        } else {
-            self.agreed + dt
-        };
+        time_in_a_row(&mut self.agreed, !self.disagrees, dt);
     }
 
     fn is_trusted(&self) -> bool {
@@ -260,8 +257,7 @@ impl Imus {
             further.sound = sound(further.index);
             let usable = flags.get(further.index).is_some_and(|f| f & UNSOUND == 0);
             let lost_before = further.silent > self.stale_after;
-            further.silent = if usable { 0.0 } else { further.silent + dt };
-            if further.silent > self.stale_after {
+            if time_in_a_row(&mut further.silent, !usable, dt) > self.stale_after {
                 counts.lasting(Event::ImuLost, subject, !lost_before);
             }
             let stands_in = self.stand_in.as_ref().is_some_and(|s| s.place == place);
@@ -339,12 +335,8 @@ impl Imus {
     /// for a second.
     pub(super) fn is_doubted(&mut self, holds: bool, dt: f64) -> bool {
         let doubted = self.first_doubted && self.stand_in.is_none();
-        self.held = if doubted && holds {
-            self.held + dt
-        } else {
-            0.0
-        };
-        if self.held > TRUSTED_S || doubted && self.candidate().is_some() {
+        let held = time_in_a_row(&mut self.held, doubted && holds, dt);
+        if held > TRUSTED_S || doubted && self.candidate().is_some() {
             self.first_doubted = false;
         }
         doubted && self.first_doubted

@@ -11,6 +11,7 @@
 
 use robot_config::{ContactReaction, Robot};
 use robot_state::{JointKind, JointReference, MAX_JOINTS, MeasuredRecord, Mode, Reference};
+use supervisor::time_in_a_row;
 
 use super::position::Motions;
 use super::{Answer, Asked, Entry, Feedback, Follow, Goal, JointGoal, RigidBody, Speed, Task};
@@ -180,13 +181,9 @@ impl Contact {
                 let far = moved.any(|((_, (joint, q)), comply)| (joint.q - q).abs() > *comply);
                 let mut joints = estimated.joints.iter().enumerate();
                 let touched = joints.any(|(j, joint)| own(j) && joint.contact_flag == 1);
-                contact.gone_s = if touched {
-                    0.0
-                } else {
-                    contact.gone_s + self.sample_period
-                };
+                let gone_s = time_in_a_row(&mut contact.gone_s, !touched, self.sample_period);
                 let gone = settings.comply_until_gone;
-                if far || gone.is_some_and(|gone| contact.gone_s > gone) {
+                if far || gone.is_some_and(|gone| gone_s > gone) {
                     contact.way = Way::Ended;
                 }
             }

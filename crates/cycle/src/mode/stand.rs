@@ -13,6 +13,7 @@ use control::{Balance, BalanceInput, MAX_FEET};
 use footing::Footing;
 use robot_config::Robot;
 use robot_state::{CommandedRecord, Mode, Reference};
+use supervisor::time_in_a_row;
 
 use super::{
     Asked, Bounds, ClientMode, Feedback, Follow, Made, ModeCycle, RigidBody, RigidBodyTorque,
@@ -147,12 +148,8 @@ impl Stand {
         let (torques, balanced) = self.balance.update(&input).ok_or(Unfit::Balance)?;
         self.reserve = balanced.reserve;
         let outside = balanced.depth < -OUTSIDE_M;
-        self.outside_s = if outside {
-            self.outside_s + seen.dt
-        } else {
-            0.0
-        };
-        if !balanced.solved || self.outside_s > OUTSIDE_S {
+        let outside_s = time_in_a_row(&mut self.outside_s, outside, seen.dt);
+        if !balanced.solved || outside_s > OUTSIDE_S {
             return Err(Unfit::Balance);
         }
         for (own, &place) in body.torques_mut().iter_mut().zip(&self.model_index) {

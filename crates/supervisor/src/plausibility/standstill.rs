@@ -5,6 +5,7 @@
 //! a sample. Then one or both encoders are flat, or the rotor is blocked.
 
 use super::PlausibilityParameters;
+use crate::in_a_row::count_in_a_row;
 
 /// The motor's state by a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,21 +78,15 @@ impl Standstill {
         }
     }
 
-    fn goes_on(self, sample: &MotorSample, p: &PlausibilityParameters) -> Self {
+    fn goes_on(mut self, sample: &MotorSample, p: &PlausibilityParameters) -> Self {
         let change = sample.torque - self.from.torque;
         let moved = self.from.velocity.abs() > SLIDES;
         let onwards = change * self.from.velocity > 0.0;
         let share = BREAKS_AWAY[usize::from(!(onwards && moved))];
         let is_judged = moved && sample.driven || !p.holds_itself;
         let is_greater = change.abs() > share * p.friction + p.torque_margin;
-        Self {
-            pressed: if self.halted || is_judged && is_greater {
-                self.pressed.saturating_add(1)
-            } else {
-                0
-            },
-            ..self
-        }
+        count_in_a_row(&mut self.pressed, self.halted || is_judged && is_greater);
+        self
     }
 
     /// Whether the motor stands although it cannot, and has for long enough: `samples`, or half of them where that is

@@ -5,7 +5,7 @@
 pub(super) const JITTER: f64 = 0.25;
 
 /// A step of an angle between two samples.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Step {
     None,
     /// The sample may be a step: the next one shows.

@@ -26,7 +26,7 @@ use robot_config::{JointParameters, Parameters};
 use robot_state::JointCommanded;
 use stand::Stand;
 
-use super::{Desired, against_friction, lead_motor, sum};
+use super::{Desired, against_friction, lead_motor};
 use crate::joint::JointInput;
 use crate::joint::constants::Constants;
 use crate::joint::transition::Transition;
@@ -71,12 +71,9 @@ impl MotorSide {
         parameters: &Parameters,
     ) -> Result<Self, Problem> {
         let (dt, law) = (parameters.timing.sample_period, &joint.law);
+        // Torque of the spring across the dead zone.
         let dead_zone = match law.drive {
-            DriveLoop::Position {
-                stiffness,
-                dead_zone,
-                ..
-            } => stiffness * dead_zone,
+            DriveLoop::Position { dead_zone, .. } => law.drive_stiffness() * dead_zone,
             DriveLoop::Current { .. } => 0.0,
         };
         Ok(Self {
@@ -117,16 +114,7 @@ impl MotorSide {
     /// velocity. Returns the torque from which the desired one is to be led: the estimated one, as the rest
     /// of what the lead makes is friction, and what the feedback is for.
     pub(super) fn begin(&mut self, lead: f64, estimated: Option<f64>, gains: &JointGains) -> f64 {
-        let made = match self.law.drive {
-            DriveLoop::Position {
-                stiffness,
-                dead_zone,
-                ..
-            } => stiffness * (lead - lead.max(-dead_zone).min(dead_zone)),
-            DriveLoop::Current {
-                torque_constant, ..
-            } => torque_constant * lead,
-        };
+        let made = self.law.motor_torque(lead, 0.0);
         let level = self.law.friction.level;
         let rest = estimated.map_or(0.0, |tau_hat| made - tau_hat);
         self.friction = rest.max(-level).min(level);
@@ -190,7 +178,7 @@ impl MotorSide {
             },
             ..*desired
         };
-        let tau_d = sum(&desired.terms);
+        let tau_d = desired.terms.sum();
         let angle = input.measured.theta / joint.gear_ratio;
         let tau_star = self.update((tau_d, input.torque()), angle, &joint.gains, input.dt);
         let limit = joint.limits.torque;

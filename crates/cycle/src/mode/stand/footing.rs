@@ -6,6 +6,7 @@
 
 use control::MAX_FEET;
 use nalgebra::Vector3;
+use supervisor::time_in_a_row;
 
 use crate::mode::{RigidBody, Unfit};
 
@@ -166,13 +167,10 @@ impl Footing {
                 (foot.below + LOWERS * dt).min(LOWEST_M)
             };
             if foot.stands {
-                foot.lifted_s = if load > TOUCHES_NO_MORE {
-                    0.0
-                } else {
-                    foot.lifted_s + dt
-                };
+                let touches = load > TOUCHES_NO_MORE;
+                let lifted_s = time_in_a_row(&mut foot.lifted_s, !touches, dt);
                 foot.stand(under, [reserve, load, body.stands_for(foot.sensor)], dt);
-                if foot.lifted_s > LIFTED_S && !foot.lifts {
+                if lifted_s > LIFTED_S && !foot.lifts {
                     if foot.bears < 1.0 && bears_all {
                         // It has touched the ground, and does not stand on it yet.
                         (foot.stands, foot.bears) = (false, 0.0);

@@ -8,6 +8,8 @@
 //! [`SETTLING_S`] after a motion the feedback follows freely, as the torque is late; when the desired torque has
 //! stood for as long, the feedback that it has led to is the one that stands.
 
+use supervisor::time_in_a_row;
+
 /// Angle within which a joint stands, rad. Chosen on the simulated leg without link-side encoders, with F/T sensors
 /// that err (docs/results/motor-alone.md).
 const STANDS_WITHIN: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -69,14 +71,11 @@ impl Stand {
         // max and min, not clamp: they cannot panic.
         let bound = asked.max(self.feedback - most).min(self.feedback + most);
         let same = SAME_SHARE * torque_limit;
-        self.stood = if (tau_d - self.standing).abs() > same {
-            0.0
-        } else {
-            self.stood + dt
-        };
-        if self.stood <= 0.0 {
+        let changes = (tau_d - self.standing).abs() > same;
+        let stood = time_in_a_row(&mut self.stood, !changes, dt);
+        if stood <= 0.0 {
             self.standing = tau_d;
-        } else if self.stood > SETTLING_S && change > same {
+        } else if stood > SETTLING_S && change > same {
             *self = Self::at(self.angle, bound, tau_d, 0.0);
         }
         bound
