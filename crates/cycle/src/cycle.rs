@@ -139,26 +139,13 @@ impl Cycle {
 
     fn estimate(&mut self, settings: Option<&Settings>) {
         let settings = (settings, self.follows());
-        let (record, counts) = (&mut self.record, &mut self.counts);
-        let (measured, commanded) = (&record.measured, &record.commanded);
-        let estimated = &mut record.estimated;
-        (self.estimate).update(
-            &self.measure,
-            settings,
-            measured,
-            commanded,
-            estimated,
-            counts,
-        );
+        (self.estimate).update(&self.measure, settings, &mut self.record, &mut self.counts);
     }
 
     fn judge(&mut self, settings: Option<&Settings>) {
-        let (record, counts) = (&mut self.record, &mut self.counts);
-        let (measured, commanded) = (&record.measured, &record.commanded);
-        let estimated = &mut record.estimated;
         let alone = self.modes.held_by_torque_alone();
         let stages = (&self.measure, &self.estimate, alone);
-        (self.judge).update(stages, settings, measured, commanded, estimated, counts);
+        (self.judge).update(stages, settings, &mut self.record, &mut self.counts);
     }
 
     fn decide<'a>(&mut self, client: &ClientInput<'a>) -> Goal<'a> {

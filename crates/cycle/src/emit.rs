@@ -145,12 +145,12 @@ impl Emit {
 
     /// Whether the joint's set-point can leave: no joint without one shares its message. To be called after `update`.
     pub(crate) fn reaches(&self, joint: usize) -> bool {
-        let has = |j: &usize| {
-            let slot = self.slots.get(slots::command(*j));
-            slot.is_some_and(|x| !x.is_nan())
-        };
         let mut its = self.shared.iter().filter(|joints| joints.contains(&joint));
-        its.all(|joints| joints.iter().all(has))
+        its.all(|joints| joints.iter().all(|&j| self.has_set_point(j)))
+    }
+
+    fn has_set_point(&self, joint: usize) -> bool {
+        (self.slots.get(slots::command(joint))).is_some_and(|x| !x.is_nan())
     }
 
     /// Zero for a drive that would go on with the last current. One status word that is wrong must not end it:
@@ -170,12 +170,7 @@ impl Emit {
             joint.measured |= measured.flags & measured_flags::NEVER == 0;
         }
         for joints in &self.shared {
-            let has = |&j: &usize| {
-                self.slots
-                    .get(slots::command(j))
-                    .is_some_and(|x| !x.is_nan())
-            };
-            if !joints.iter().any(has) {
+            if !joints.iter().any(|&j| self.has_set_point(j)) {
                 continue;
             }
             for &j in joints {

@@ -31,8 +31,7 @@ use estimators::joint::{AnyEstimator, DRIVE_OFF, JointSample};
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
-    CommandedRecord, EstimatedRecord, Event, JointEstimated, MeasuredRecord, Settings,
-    TorqueEstimate, measured_flags, torque_flags,
+    CycleRecord, Event, JointEstimated, Settings, TorqueEstimate, measured_flags, torque_flags,
 };
 
 use crate::events::{Counts, Subject};
@@ -139,17 +138,16 @@ impl Estimate {
         self.whole_body.estimator()
     }
 
-    /// `follows`: a client's mode is active; `commanded`: of the last cycle.
+    /// `follows`: a client's mode is active. The commands of the record are those of the last cycle.
     pub(crate) fn update(
         &mut self,
         measure: &Measure,
         (settings, follows): (Option<&Settings>, bool),
-        measured: &MeasuredRecord,
-        commanded: &CommandedRecord,
-        estimated: &mut EstimatedRecord,
+        record: &mut CycleRecord,
         counts: &mut Counts,
     ) {
-        self.power.update(commanded);
+        let (measured, estimated) = (&record.measured, &mut record.estimated);
+        self.power.update(&record.commanded);
         if let Some(settings) = settings {
             self.apply(settings);
         }

@@ -21,8 +21,9 @@ use core::fmt;
 use problem::Problem;
 use robot_config::{JointParameters, Robot};
 use robot_state::{
-    CommandedRecord, EstimatedRecord, Event, JointCommanded, JointEstimated, JointMeasured,
-    MAX_JOINTS, MeasuredRecord, Settings, command_flags, measured_flags, torque_flags,
+    CommandedRecord, CycleRecord, EstimatedRecord, Event, JointCommanded, JointEstimated,
+    JointMeasured, MAX_JOINTS, MeasuredRecord, Settings, command_flags, measured_flags,
+    torque_flags,
 };
 use whole_body::WholeBody;
 
@@ -324,11 +325,10 @@ impl Judge {
         &mut self,
         (measure, estimate, alone): (&Measure, &Estimate, JointBits),
         settings: Option<&Settings>,
-        measured: &MeasuredRecord,
-        commanded: &CommandedRecord,
-        estimated: &mut EstimatedRecord,
+        record: &mut CycleRecord,
         counts: &mut Counts,
     ) {
+        let estimated = &mut record.estimated;
         self.note_tare(settings);
         (estimated.warning, estimated.warning_subject) = (0, 0);
         let readiness = measure.readiness();
@@ -343,9 +343,9 @@ impl Judge {
                 warning: None,
             };
             let evidence = Evidence {
-                measured,
+                measured: &record.measured,
                 estimated,
-                commanded,
+                commanded: &record.commanded,
                 fast: estimate.fast_torques(),
                 power: estimate.power(),
                 whole_body: estimate.whole_body(),

@@ -225,19 +225,23 @@ impl Measure {
         self.take_offsets(settings, holds);
         self.read_ft_sensors(at, &mut measured.ft, counts);
         self.read_imus(at, holds, measured, counts);
-        let stamps = self.reception.stamps();
-        (self.long).update(&self.angles, &self.axes, stamps, at.sync);
-        (self.short).update(&self.angles, &self.axes, stamps, at.sync);
-        if let Some(contact) = &mut self.contact {
-            contact.update(&self.angles, &self.axes, stamps, at.sync);
-        }
-        (self.control_filter).update(&self.both_angles, stamps, at.sync);
+        self.filter(at.sync);
         if self.imu_sources.len() > 1 {
             self.compare_imus(holds, measured, counts);
         }
         self.publish_joints(measured);
         self.publish_sensors(measured);
         self.judge(measured);
+    }
+
+    /// Takes the samples of a cycle into all filters.
+    fn filter(&mut self, sync: Stamp) {
+        let stamps = self.reception.stamps();
+        let banks = [&mut self.long, &mut self.short].into_iter();
+        for bank in banks.chain(&mut self.contact) {
+            bank.update(&self.angles, &self.axes, stamps, sync);
+        }
+        (self.control_filter).update(&self.both_angles, stamps, sync);
     }
 
     fn judge(&mut self, measured: &MeasuredRecord) {

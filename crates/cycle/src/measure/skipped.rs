@@ -30,13 +30,7 @@ impl Measure {
         for k in (1..=skipped).rev() {
             let instant = Stamp(sync.0.saturating_sub((f64::from(k) * period_ns) as u64));
             self.joints.iter_mut().for_each(JointReader::skip);
-            let stamps = self.reception.stamps();
-            (self.long).update(&self.angles, &self.axes, stamps, instant);
-            (self.short).update(&self.angles, &self.axes, stamps, instant);
-            if let Some(contact) = &mut self.contact {
-                contact.update(&self.angles, &self.axes, stamps, instant);
-            }
-            (self.control_filter).update(&self.both_angles, stamps, instant);
+            self.filter(instant);
             for measured in joints.iter_mut().take(self.joints.len()) {
                 measured.q += measured.dq * self.sample_period;
                 measured.theta += measured.omega * self.sample_period;

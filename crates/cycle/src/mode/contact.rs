@@ -155,10 +155,7 @@ impl Contact {
             return;
         };
         let Some(mut contact) = self.contact.take() else {
-            self.contact = Some(Touched {
-                offsets: self.offsets[1],
-                ..self.begin(joint, answer, loads, measured)
-            });
+            self.contact = Some(self.begin(joint, answer, loads, measured));
             return;
         };
         let first = std::mem::replace(&mut contact.new, false);
@@ -217,13 +214,8 @@ impl Contact {
             Answer::Stop => Way::Ended,
             _ if self.bears(joint, loads) => Way::Ended,
             Answer::Comply => Way::Soft,
-            Answer::Retract => {
-                if self.lead_back(joint, measured, &mut reference) {
-                    Way::Back
-                } else {
-                    Way::Ended
-                }
-            }
+            Answer::Retract if self.lead_back(joint, measured, &mut reference) => Way::Back,
+            Answer::Retract => Way::Ended,
         };
         Touched {
             way,
@@ -233,7 +225,7 @@ impl Contact {
             reference,
             loads: *loads,
             begin: measured.joints.map(|joint| joint.q),
-            offsets: [None; MAX_JOINTS],
+            offsets: self.offsets[1],
             gone_s: 0.0,
         }
     }

@@ -16,20 +16,19 @@ fn estimate(tau: f64, sigma: f64) -> TorqueEstimate {
     }
 }
 
-/// Torque, of which the truth is 20, and its sigma, where encoders err by `fast` and F/T sensors by `delayed`, after
-/// two seconds.
-fn level(errors: [f64; 2], fast_sigma: f64, lasting: f64) -> TorqueEstimate {
+/// Torque, of which the truth is 20, and its sigma, where encoders and F/T sensors err by this, after so many samples.
+fn level(errors: [f64; 2], fast_sigma: f64, lasting: f64, samples: u32) -> TorqueEstimate {
     let mut fusion = LevelFusion::new(1e-3, LIMIT);
     let [fast, delayed] = errors;
+    let levels = Levels {
+        difference: delayed - fast,
+        now: delayed - fast,
+        fast_sigma: [fast_sigma, 0.0],
+        delayed_sigma: [0.01, lasting],
+    };
     let mut now = TorqueEstimate::default();
-    for _ in 0..2000 {
+    for _ in 0..samples {
         now = estimate(20.0 + delayed, 0.02);
-        let levels = Levels {
-            difference: delayed - fast,
-            now: delayed - fast,
-            fast_sigma: [fast_sigma, 0.0],
-            delayed_sigma: [0.01, lasting],
-        };
         fusion.update(Some(levels), &mut now);
     }
     now
@@ -47,7 +46,8 @@ fn drawn([fast_sigma, lasting]: [f64; 2], within: f64) -> [f64; 4] {
         if (errors[1] - errors[0]).abs() > within * fast_sigma.hypot(lasting) {
             continue;
         }
-        let fused = level_quick(errors, published, lasting);
+        // What lasts does not change after the first sample.
+        let fused = level(errors, published, lasting, 1);
         let error = fused.tau - 20.0;
         for (sum, x) in (squares.iter_mut()).zip([errors[0], errors[1], error, error / fused.sigma])
         {
@@ -82,29 +82,15 @@ fn what_looks_like_a_failure_costs_at_most_a_fifth() {
     }
 }
 
-/// [`level`] at its first sample: what lasts does not change.
-fn level_quick(errors: [f64; 2], fast_sigma: f64, lasting: f64) -> TorqueEstimate {
-    let [fast, delayed] = errors;
-    let mut now = estimate(20.0 + delayed, 0.02);
-    let levels = Levels {
-        difference: delayed - fast,
-        now: delayed - fast,
-        fast_sigma: [fast_sigma, 0.0],
-        delayed_sigma: [0.01, lasting],
-    };
-    LevelFusion::new(1e-3, LIMIT).update(Some(levels), &mut now);
-    now
-}
-
 /// An encoder that errs by far more than is known of it, and an F/T sensor of the usual kind.
 #[test]
 fn an_encoder_that_is_wrong_does_not_count() {
-    let fused = level([10.0, 0.1], 0.3, 0.3);
+    let fused = level([10.0, 0.1], 0.3, 0.3, 2000);
     assert!((fused.tau - 20.1).abs() < 0.01, "{fused:?}");
     // The sigma shows that something contradicts.
     assert!(fused.sigma > 3.0, "{fused:?}");
     // Both within their standard deviations: half of either.
-    let fused = level([0.3, -0.3], 0.3 / 0.7, 0.3);
+    let fused = level([0.3, -0.3], 0.3 / 0.7, 0.3, 2000);
     assert!((fused.tau - 20.0).abs() < 0.02, "{fused:?}");
 }
 

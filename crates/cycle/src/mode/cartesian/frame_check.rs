@@ -42,12 +42,16 @@ impl Placements {
         }
     }
 
-    pub(super) fn set(&mut self, joints: &[JointMeasured]) {
+    pub(super) fn set_angles(&mut self, joints: &[JointMeasured]) {
         for (&place, joint) in self.place.iter().zip(joints) {
             if let Some(q) = self.q.get_mut(place) {
                 *q = joint.q;
             }
         }
+    }
+
+    pub(super) fn set(&mut self, joints: &[JointMeasured]) {
+        self.set_angles(joints);
         forward_kinematics(&self.model, &mut self.data, &self.q);
     }
 

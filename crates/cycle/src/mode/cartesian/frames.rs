@@ -48,9 +48,8 @@ pub(super) struct Frame {
     law: CartesianLaw,
     /// Frame of the F/T sensor that measures its forces.
     sensor: Option<(usize, usize)>,
-    external: bool,
     /// Delay of external torques behind the filters, s; none: there are none.
-    external_delay: f64,
+    external_delay: Option<f64>,
     /// Columns of the Jacobian, one for each joint of the limb.
     columns: Vec<Vector6<f64>>,
     dq: Vec<f64>,
@@ -160,12 +159,8 @@ impl Frames {
         for (j, dq) in self.dq.iter_mut().enumerate() {
             *dq = seen.velocity(j);
         }
+        placements.set_angles(&seen.measured.joints);
         let (model, data) = (&placements.model, &mut placements.data);
-        for (&place, joint) in placements.place.iter().zip(&seen.measured.joints) {
-            if let Some(q) = placements.q.get_mut(place) {
-                *q = joint.q;
-            }
-        }
         crba(model, data, &placements.q);
         forward_kinematics(model, data, &placements.q);
         let age_s = asked.age_s;
@@ -243,37 +238,23 @@ impl Frame {
         let p = &robot.parameters;
         let n = parameters.joints.len();
         let frame = |ft: &FtParameters| robot.model.frame_index(&ft.sensor.frame);
-        let gains = |&j: &usize| {
-            p.joints
-                .get(j)
-                .map_or([0.0; 2], |j| [j.gains.k_s, j.gains.k_d])
-        };
-        let gains: Vec<[f64; 2]> = parameters.joints.iter().map(gains).collect();
+        let joints = || parameters.joints.iter().map(|&j| &p.joints[j]);
+        let gains: Vec<[f64; 2]> = joints().map(|j| [j.gains.k_s, j.gains.k_d]).collect();
         let posture = [parameters.posture_stiffness, parameters.posture_damping];
         let bounds: Vec<[f64; 2]> = (gains.iter())
             .map(|own| std::array::from_fn(|k| (1.0 - posture[k]) * own[k]))
             .collect();
-        let slow = |&j: &usize| {
-            let limit = p.joints.get(j).map_or(0.0, |joint| joint.limits.velocity);
-            parameters.approach * limit
-        };
+        let slow = joints().map(|joint| parameters.approach * joint.limits.velocity);
         Self {
             law: CartesianLaw::new(parameters.limits),
             sensor: parameters
                 .sensor
                 .and_then(|s| Some((s, frame(p.ft_sensors.get(s)?)?))),
-            external: p.external_torque.is_some(),
-            external_delay: p.external_torque.as_ref().map_or(0.0, |e| 1.0 / e.gain),
+            external_delay: p.external_torque.as_ref().map(|e| 1.0 / e.gain),
             columns: vec![Vector6::zeros(); n],
             dq: vec![0.0; n],
-            approach: Approaches::new(bounds, parameters.joints.iter().map(slow)),
-            effective_inertia: (parameters.joints.iter())
-                .map(|&j| {
-                    p.joints
-                        .get(j)
-                        .map_or(0.0, |joint| effective_inertia(joint, p))
-                })
-                .collect(),
+            approach: Approaches::new(bounds, slow),
+            effective_inertia: joints().map(|j| effective_inertia(j, p)).collect(),
             posture: (gains.iter())
                 .map(|own| Impedance {
                     stiffness: posture[0] * own[0],
@@ -378,8 +359,9 @@ impl Frame {
         (seen, carried): (&Seen<'_>, &[Wrench]),
     ) -> (Vector6<f64>, Vector6<f64>, Felt) {
         let Some((sensor, at)) = self.sensor else {
-            let force = self.external_force(seen.estimated);
-            let late = self.external_delay + seen.measured.filter_delay_s;
+            let delay = self.external_delay;
+            let force = delay.and_then(|_| self.external_force(seen.estimated));
+            let late = delay.unwrap_or(0.0) + seen.measured.filter_delay_s;
             return (Vector6::zeros(), Vector6::zeros(), Felt { force, late });
         };
         let (Some(estimated), Some(measured)) =
@@ -403,9 +385,6 @@ impl Frame {
     /// Wrench of the environment on the frame by external torques: least squares, in which directions without lever
     /// count as free of force.
     fn external_force(&self, estimated: &EstimatedRecord) -> Option<Vector6<f64>> {
-        if !self.external {
-            return None;
-        }
         // A torque at the frame counts as a force at a lever of a metre.
         let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
         for (column, &j) in self.columns.iter().zip(&self.parameters.joints) {
