@@ -18,6 +18,7 @@ mod observer;
 mod swing;
 mod turn;
 
+use crate::six::copy;
 use crate::sole::Sole;
 use center::Led;
 pub(crate) use center::QUICKER;
@@ -238,11 +239,7 @@ impl Balance {
     pub fn wrench(&self, foot: usize) -> Wrench {
         let foot = self.feet.get(foot).filter(|foot| foot.stands);
         foot.map_or(Wrench::default(), |foot| {
-            let (force, torque) = at_sensor(&foot.wrench, &foot.at);
-            Wrench {
-                force: force.into(),
-                torque: torque.into(),
-            }
+            Wrench::from_array(at_sensor(&foot.wrench, &foot.at).to_array())
         })
     }
 
@@ -263,12 +260,8 @@ impl Balance {
             let own = foot.sole.origin() + foot.sole.axes() * corner.push(0.0);
             up.dot(&(foot.at.act_point(own) - floor.origin))
         };
-        let lowest = foot
-            .sole
-            .corners()
-            .iter()
-            .map(height)
-            .fold(f64::INFINITY, f64::min);
+        let heights = foot.sole.corners().iter().map(height);
+        let lowest = heights.fold(f64::INFINITY, f64::min);
         Some((foot.at.rotation.tr_mul(&up), lowest))
     }
 
@@ -279,7 +272,6 @@ impl Balance {
         foot.is_some_and(|foot| foot.joints.contains(&joint))
     }
 
-    /// Follows the velocities of the joints.
     fn smooth(&mut self, input: &BalanceInput<'_>) {
         let step = SMOOTH * input.dt;
         let share = if self.led.is_none() {
@@ -320,9 +312,7 @@ impl Balance {
             }
         }
         for (k, pose) in [input.desired[0], input.q].into_iter().enumerate() {
-            for (own, q) in self.q.iter_mut().skip(7).zip(pose) {
-                *own = *q;
-            }
+            copy(self.q.iter_mut().skip(7), pose);
             forward_kinematics(&self.model, &mut self.data, &self.q);
             for foot in &mut self.feet {
                 let at = frame_placement(&self.model, &self.data, foot.frame);
@@ -365,10 +355,7 @@ impl Balance {
             feet += 1.0;
         }
         base /= f64::max(feet, 1.0);
-        let own = base.iter().chain(&self.dq);
-        for (v, own) in self.v.iter_mut().zip(own) {
-            *v = *own;
-        }
+        copy(&mut self.v, base.iter().chain(&self.dq));
     }
 
     /// Mass matrix, what gravity and velocities make, and the feet's accelerations without any of the joints'.
@@ -383,9 +370,7 @@ impl Balance {
             *a = self.gravity * up;
         }
         let bias = rnea(&self.model, &mut self.data, &self.q, &self.v, &self.a, None);
-        for (own, bias) in self.bias.iter_mut().zip(bias) {
-            *own = *bias;
-        }
+        copy(&mut self.bias, bias);
         crba(&self.model, &mut self.data, &self.q);
     }
 

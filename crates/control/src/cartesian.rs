@@ -31,6 +31,7 @@
 
 mod object;
 
+use crate::six::six;
 use dynamics::Se3;
 use nalgebra::{Matrix3, Matrix6, Rotation3, SymmetricEigen, UnitQuaternion, Vector3, Vector6};
 use object::Object;
@@ -180,18 +181,13 @@ pub fn pose_error(desired: &Se3, present: &Se3) -> Vector6<f64> {
     } else {
         1.0
     };
-    six(linear, turn * share)
+    six(&linear, &(turn * share))
 }
 
 /// The rotation as a unit quaternion.
 #[must_use]
 pub fn unit_quaternion(rotation: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation))
-}
-
-fn six(linear: Vector3<f64>, angular: Vector3<f64>) -> Vector6<f64> {
-    let (l, a) = (linear, angular);
-    Vector6::new(l.x, l.y, l.z, a.x, a.y, a.z)
 }
 
 /// Linear and angular part.
@@ -202,7 +198,7 @@ fn parts(x: &Vector6<f64>) -> [Vector3<f64>; 2] {
 /// Force and torque of `x`, each turned by the rotation.
 fn turned(rotation: &Matrix3<f64>, x: &Vector6<f64>) -> Vector6<f64> {
     let [linear, angular] = parts(x);
-    six(rotation * linear, rotation * angular)
+    six(&(rotation * linear), &(rotation * angular))
 }
 
 /// Share by which each part has to be scaled so that its length is at most `most`.
@@ -229,7 +225,7 @@ fn ahead(motion: &Vector3<f64>, way: &Vector3<f64>) -> Vector3<f64> {
 
 fn scaled(x: &Vector6<f64>, shares: [f64; 2]) -> Vector6<f64> {
     let [linear, angular] = parts(x);
-    six(linear * shares[0], angular * shares[1])
+    six(&(linear * shares[0]), &(angular * shares[1]))
 }
 
 impl CartesianLaw {
@@ -354,15 +350,11 @@ impl CartesianLaw {
         let moves = turned(&target.axes, &target.velocity) * dt;
         let [dp, dr] = parts(&moves);
         let (dp, dr) = (ahead(&dp, &linear), ahead(&dr, &turn));
-        let rest = turned(&target.axes.transpose(), &six(linear - dp, turn - dr));
+        let rest = turned(&target.axes.transpose(), &six(&(linear - dp), &(turn - dr)));
         // Damping counts with the stiffness to come, too: a spring that is moved far away while it is soft would pull
         // when it becomes stiff.
         let stiffness = self.stiffness.sup(&target.stiffness);
-        let rate = self
-            .limits
-            .wrench
-            .map(|most| most * dt / self.limits.rise_s);
-        let by_force = within(&stiffness.component_mul(&rest), rate);
+        let by_force = within(&stiffness.component_mul(&rest), self.rise(dt));
         let by_velocity = within(&rest, self.limits.velocity.map(|most| most * dt));
         let share: [f64; 2] = core::array::from_fn(|k| by_force[k].min(by_velocity[k]));
         self.place += dp + (linear - dp) * share[0];
@@ -373,11 +365,13 @@ impl CartesianLaw {
 
     fn lead_force(&mut self, force: &Vector6<f64>, dt: f64) {
         let way = force - self.force;
-        let rate = self
-            .limits
-            .wrench
-            .map(|most| most * dt / self.limits.rise_s);
-        self.force += scaled(&way, within(&way, rate));
+        self.force += scaled(&way, within(&way, self.rise(dt)));
+    }
+
+    /// By how much force and torque may rise within `dt`.
+    fn rise(&self, dt: f64) -> [f64; 2] {
+        let limits = &self.limits;
+        limits.wrench.map(|most| most * dt / limits.rise_s)
     }
 
     /// Feedback of the force, along the axes.
@@ -400,7 +394,7 @@ impl CartesianLaw {
             self.correction = Vector6::zeros();
             return Vector6::zeros();
         };
-        let place = six(limb.pose.translation, Vector3::zeros());
+        let place = six(&limb.pose.translation, &Vector3::zeros());
         self.object.update(turned(to_axes, &place), f_hat, dt);
         let error = shown - f_hat;
         let most = self.limits.wrench.map(|most| FEEDBACK * most);

@@ -4,6 +4,8 @@ use dynamics::{Base, Data, Force, Model, Motion, rnea};
 use nalgebra::Vector3;
 use robot_state::Wrench;
 
+use crate::six::copy;
+
 /// Inverse dynamics of a robot whose base motion is measured by an IMU, or which is fixed.
 #[derive(Debug, Clone)]
 pub struct InverseDynamics {
@@ -51,12 +53,12 @@ impl InverseDynamics {
     ) {
         let (bv, bq) = self.model.base_size();
         if self.model.base() == Base::Floating {
-            copy(&mut self.v, 0, &base.0.to_array());
-            copy(&mut self.a, 0, &base.1.to_array());
+            copy(&mut self.v, &base.0.to_array());
+            copy(&mut self.a, &base.1.to_array());
         }
-        copy(&mut self.q, bq, q_hat);
-        copy(&mut self.v, bv, dq_hat);
-        copy(&mut self.a, bv, ddq_d);
+        copy(self.q.iter_mut().skip(bq), q_hat);
+        copy(self.v.iter_mut().skip(bv), dq_hat);
+        copy(self.a.iter_mut().skip(bv), ddq_d);
     }
 
     /// `M ddq_d + h_hat - J^T f` of the joints, N·m, model order, with the environment applying
@@ -72,21 +74,8 @@ impl InverseDynamics {
             }
         }
         //= D12: tau = M ddq_d + h_hat - J^T f
-        let tau = rnea(
-            &self.model,
-            &mut self.data,
-            &self.q,
-            &self.v,
-            &self.a,
-            Some(&self.forces),
-        );
+        let (model, data) = (&self.model, &mut self.data);
+        let tau = rnea(model, data, &self.q, &self.v, &self.a, Some(&self.forces));
         tau.get(self.model.base_size().0..).unwrap_or_default()
-    }
-}
-
-/// Copies `from` to `to[start..]`, as far as it has room.
-fn copy(to: &mut [f64], start: usize, from: &[f64]) {
-    for (to, from) in to.iter_mut().skip(start).zip(from) {
-        *to = *from;
     }
 }

@@ -14,6 +14,7 @@ mod inverse_dynamics;
 pub mod margins;
 mod point_to_point;
 pub mod predictive;
+mod six;
 mod sole;
 mod stepping;
 mod support;

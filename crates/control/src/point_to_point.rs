@@ -354,7 +354,6 @@ impl Plan {
     }
 }
 
-/// Plans one joint.
 #[derive(Debug)]
 pub(crate) struct Planner {
     library: Ruckig<1, Silent>,

@@ -37,8 +37,9 @@ pub use parameters::{Contributions, Design, DriveLoop, GearStiffness, LawParamet
 pub(crate) use linear::{LinearLaw, TauD};
 
 use back_drive_assist::{BackDriveAssist, least};
+use drive::Steps;
 use drive_fit::DriveFit;
-use observers::{Link, Rotor, RotorStep, Uncertainty};
+use observers::{Link, Rotor, Uncertainty};
 use reference::{ReferenceModel, ReferenceState};
 
 /// Measured values of one joint in one cycle.
@@ -60,11 +61,7 @@ pub struct Sensed {
 #[derive(Debug, Clone)]
 pub struct PredictiveLaw {
     parameters: LawParameters,
-    /// Time within a period at which a command begins to act, s, and the rest of the period.
-    lag_step: RotorStep,
-    rest_step: RotorStep,
-    /// Half a period: a command is computed for the middle of the time for which it acts.
-    half_step: RotorStep,
+    steps: Steps,
     rotor: Rotor,
     link: Link,
     /// Uncertainties of rotor and link observer after a gap.
@@ -93,10 +90,6 @@ pub struct PredictiveLaw {
     integral_share: f64,
     /// The drive's stiffness and damping by its currents; none for one that takes currents.
     drive_fit: Option<DriveFit>,
-    /// Command per torque of the drive, rad/(N·m) or A/(N·m).
-    per_torque: f64,
-    /// Share of the foreseen friction by what a measured motion turns the rotor by in a period, 1/rad.
-    per_sliding_way: f64,
     /// Command that acted before the oldest of `commands`.
     before: Sent,
     /// Commands on their way, oldest first.
@@ -118,13 +111,10 @@ impl PredictiveLaw {
     #[must_use]
     pub fn new(parameters: LawParameters) -> Self {
         let p = &parameters;
-        let (cycles, lag) = p.delay_in_cycles();
+        let (cycles, _) = p.delay_in_cycles();
         let dt = p.sample_period;
-        let step = |time: f64| RotorStep::new(p, time);
         Self {
-            lag_step: step(lag),
-            rest_step: step(dt - lag),
-            half_step: step(0.5 * dt),
+            steps: Steps::new(p),
             rotor: Rotor::new(p),
             link: Link::new(p),
             uncertainties: [Rotor::uncertainty(p), Link::uncertainty(p)],
@@ -142,8 +132,6 @@ impl PredictiveLaw {
             integral: 0.0,
             integral_share: 1.0 - (-p.drive_integral() * dt).exp(),
             drive_fit: DriveFit::new(p),
-            per_torque: parameters.command_per_torque(),
-            per_sliding_way: parameters.per_sliding_way(),
             before: Sent::default(),
             commands: vec![Sent::default(); cycles + 1],
             started: false,
@@ -277,7 +265,7 @@ impl PredictiveLaw {
         let mean = 0.5 * (torque + last_torque);
         let acted = self.commands.first().copied().unwrap_or(self.before);
         let p = &self.parameters;
-        for (step, sent) in [(&self.lag_step, self.before), (&self.rest_step, acted)] {
+        for (step, sent) in [(&self.steps.lag, self.before), (&self.steps.rest, acted)] {
             let made = p.motor_torque(sent.command, self.rotor.theta) + self.integral;
             self.rotor.advance(step, made - sent.friction - mean);
             let acted = (sent.command, step.time);
@@ -363,7 +351,7 @@ impl PredictiveLaw {
             self.reference_model.advance(state, wanted);
         }
         let (model, inertia) = (&self.reference_model, p.rotor_inertia);
-        let (per_torque, compliance) = (self.per_torque, 1.0 / stiffness);
+        let (per_torque, compliance) = (self.steps.per_torque, 1.0 / stiffness);
         let inputs = self.reference.iter().zip(desired);
         let mut shares = [0.0; 4];
         for (share, (state, wanted)) in shares.iter_mut().zip(inputs) {
@@ -426,7 +414,7 @@ impl PredictiveLaw {
         Turned {
             asked,
             unasked: turned - asked,
-            sliding: (turned * self.per_sliding_way).clamp(-1.0, 1.0),
+            sliding: (turned * self.steps.per_sliding_way).clamp(-1.0, 1.0),
         }
     }
 

@@ -10,8 +10,10 @@
 //! the joints' angles. Up is kept in the axes of each foot, which stands still, so a body that sways does not turn it.
 
 use dynamics::{Base, Data, Model, Motion, Se3, forward_kinematics_acceleration, rnea};
-use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
+use nalgebra::{Matrix6, Vector3, Vector6};
 use robot_state::{MAX_FT_SENSORS, Wrench};
+
+use crate::six::{copy, wrench_map};
 
 /// Share of the robot's weight on an end-effector from which on it bears. Chosen; no experiment recorded.
 const BEARS: f64 = 0.1;
@@ -185,9 +187,7 @@ impl Support {
         if most > 0.0 {
             let base = self.model.base_size().0;
             self.a.fill(0.0);
-            for (a, ddq) in self.a.iter_mut().skip(base).zip(ddq_d) {
-                *a = *ddq;
-            }
+            copy(self.a.iter_mut().skip(base), ddq_d);
             self.set_angles(q);
             if let Some(total) = self.total() {
                 self.distribute(&(total * most));
@@ -199,9 +199,7 @@ impl Support {
     /// Sets angles and the feet's places, at the accelerations `a` of a base that is not accelerated.
     fn set_angles(&mut self, q: &[f64]) {
         let first = self.model.base_size().1;
-        for (own, q) in self.q.iter_mut().skip(first).zip(q) {
-            *own = *q;
-        }
+        copy(self.q.iter_mut().skip(first), q);
         let (model, data) = (&self.model, &mut self.data);
         forward_kinematics_acceleration(model, data, &self.q, &self.still, &self.a);
         for foot in &mut self.feet {
@@ -228,17 +226,9 @@ impl Support {
         let gravity = self.weight / self.model.total_mass();
         let linear = up * gravity - moves.linear / shares;
         let base = Motion::new(linear, -moves.angular / shares).to_array();
-        for (own, base) in self.a.iter_mut().zip(base) {
-            *own = base;
-        }
-        let tau = rnea(
-            &self.model,
-            &mut self.data,
-            &self.q,
-            &self.still,
-            &self.a,
-            None,
-        );
+        copy(&mut self.a, &base);
+        let (model, data) = (&self.model, &mut self.data);
+        let tau = rnea(model, data, &self.q, &self.still, &self.a, None);
         let total = Vector6::from_iterator(tau.iter().take(6).copied());
         total.iter().all(|x| x.is_finite()).then_some(total)
     }
@@ -247,14 +237,7 @@ impl Support {
     /// Feet that would pull are left out.
     fn distribute(&mut self, total: &Vector6<f64>) {
         for foot in &mut self.feet {
-            let lever: SMatrix<f64, 3, 3> = foot.at.translation.cross_matrix() * foot.at.rotation;
-            foot.map.fill(0.0);
-            let mut block = |row, column, part: &SMatrix<f64, 3, 3>| {
-                foot.map.fixed_view_mut::<3, 3>(row, column).copy_from(part);
-            };
-            block(0, 0, &foot.at.rotation);
-            block(3, 0, &lever);
-            block(3, 3, &foot.at.rotation);
+            foot.map = wrench_map(&foot.at.rotation, &foot.at.translation);
         }
         let r = SOLE_REACH * SOLE_REACH;
         let cost = Matrix6::from_diagonal(&Vector6::new(1.0, 1.0, 1.0, r, r, r));

@@ -234,8 +234,11 @@ impl BufferedTrajectory {
             return Err(piece_refusal::TOO_FAR);
         }
         let kept = match self.progress {
-            Progress::Waiting => self.kept_before_begin(begin)?,
-            Progress::Going => self.kept_on_the_way(begin)?,
+            Progress::Waiting if begin == 0 => 0,
+            Progress::Going if begin < self.now_ns.saturating_add(AHEAD_NS) => {
+                return Err(piece_refusal::LATE);
+            }
+            Progress::Waiting | Progress::Going => self.kept_before(begin)?,
             Progress::Stopping | Progress::Over => return Err(piece_refusal::LATE),
         };
         if kept > 0 {
@@ -286,29 +289,12 @@ impl BufferedTrajectory {
         }
     }
 
-    /// How many points stay before a piece, while the trajectory has not begun.
-    fn kept_before_begin(&self, begin: u64) -> Result<usize, u32> {
+    /// How many points stay before a piece that begins at this instant, ns.
+    fn kept_before(&self, begin: u64) -> Result<usize, u32> {
         match self.times.back() {
-            _ if begin == 0 => Ok(0),
-            Some(&end) if begin <= end => Ok(self.before(begin)),
+            Some(&end) if begin <= end => Ok(self.times.partition_point(|&time| time < begin)),
             _ => Err(piece_refusal::GAP),
         }
-    }
-
-    /// How many points stay before a piece, while the trajectory is followed.
-    fn kept_on_the_way(&self, begin: u64) -> Result<usize, u32> {
-        if begin < self.now_ns.saturating_add(AHEAD_NS) {
-            return Err(piece_refusal::LATE);
-        }
-        match self.times.back() {
-            Some(&end) if begin <= end => Ok(self.before(begin)),
-            _ => Err(piece_refusal::GAP),
-        }
-    }
-
-    /// Points before that instant.
-    fn before(&self, instant: u64) -> usize {
-        self.times.partition_point(|&time| time < instant)
     }
 
     /// Whether a piece may join at its first point, of which `kept` points lie before.

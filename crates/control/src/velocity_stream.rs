@@ -235,13 +235,10 @@ mod tests {
     #[test]
     fn velocities_that_jump_in_every_cycle_break_no_limit() {
         let (mut joint, mut planner) = joint();
-        let mut seed = 7_u64;
-        let mut random = move || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (seed >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
-        };
+        let mut random = test_support::Random::new(7);
         for _ in 0..2000 {
-            let (velocity, cycles) = (6.0 * random(), (40.0 * random().abs()) as usize);
+            let cycles = (40.0 * random.unit()) as usize;
+            let velocity = 6.0 * random.symmetric();
             run(&mut joint, &mut planner, cycles, |_| velocity);
         }
     }

@@ -5,9 +5,10 @@
 //! squares of all wrenches is brought into each sole's bounds, and what is then missing is shared again.
 
 use super::MAX_FEET;
+use crate::six::wrench_map;
 use crate::sole::Sole;
-use dynamics::Se3;
-use nalgebra::{Matrix3, Matrix6, Vector2, Vector3, Vector6};
+use dynamics::{Force, Se3};
+use nalgebra::{Matrix6, Vector2, Vector6};
 
 /// Greatest tangential force as a share of the normal one. Chosen on the simulated humanoid, whose floor bears 0.7
 /// (config/humanoid/sim.toml).
@@ -51,13 +52,8 @@ impl Sharing<'_> {
 
 /// From a wrench on the sole's middle in the sole's axes to one at the origin of `at`'s axes.
 fn map(foot: &Sharing<'_>) -> Matrix6<f64> {
-    let rotation: Matrix3<f64> = foot.at.rotation * foot.sole.axes();
-    let lever = foot.at.act_point(foot.sole.origin()).cross_matrix() * rotation;
-    let mut map = Matrix6::zeros();
-    map.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    map.fixed_view_mut::<3, 3>(3, 0).copy_from(&lever);
-    map.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    map
+    let rotation = foot.at.rotation * foot.sole.axes();
+    wrench_map(&rotation, &foot.at.act_point(foot.sole.origin()))
 }
 
 /// Distance of the sole's edge from its middle along x and y, m.
@@ -138,13 +134,8 @@ fn within(wrench: &Vector6<f64>, sole: &Sole, [least, most]: [f64; 2]) -> Vector
 }
 
 /// A wrench in the axes of `at` as one on its F/T sensor, in the sensor's axes.
-pub(super) fn at_sensor(wrench: &Vector6<f64>, at: &Se3) -> (Vector3<f64>, Vector3<f64>) {
-    let force = dynamics::Force::new(
-        wrench.fixed_rows::<3>(0).into(),
-        wrench.fixed_rows::<3>(3).into(),
-    );
-    let own = at.inverse_act_force(force);
-    (own.linear, own.angular)
+pub(super) fn at_sensor(wrench: &Vector6<f64>, at: &Se3) -> Force {
+    at.inverse_act_force(Force::from_array((*wrench).into()))
 }
 
 #[cfg(test)]
@@ -241,7 +232,7 @@ mod tests {
         let weight = |y: f64| Vector6::new(0.0, 0.0, 560.0, 560.0 * y, -560.0 * 0.02, 0.0);
         let shared = share(&weight(0.0), &feet);
         assert!((shared[0][2] - 280.0).abs() < 1e-6 && (shared[1][2] - 280.0).abs() < 1e-6);
-        let (_, moment) = at_sensor(&shared[0], &feet[0].unwrap().at);
+        let moment = at_sensor(&shared[0], &feet[0].unwrap().at).angular;
         assert!(moment.x.abs() < 1e-6, "{moment}");
         // Beyond the left foot's bounds nearly all of the weight is on it: the other one stays on the ground.
         let shared = share(&weight(0.16), &feet);

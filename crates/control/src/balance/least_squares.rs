@@ -38,7 +38,6 @@ impl LeastSquares {
         }
     }
 
-    /// Forgets all equations.
     pub(super) fn clear(&mut self) {
         self.count = 0;
     }

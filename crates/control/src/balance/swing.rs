@@ -4,10 +4,11 @@
 //! down: feet would wander apart from step to step, and come down on an edge.
 
 use dynamics::{ReferenceFrame, Se3, frame_jacobian};
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 
 use super::floor::Floor;
 use super::{Balance, small_turn};
+use crate::six::six;
 
 /// Rate with which a foot in the air is led, 1/s, and its greatest velocities, m/s and rad/s. Chosen; no experiment recorded.
 const LEADS: f64 = 5.0;
@@ -71,11 +72,4 @@ impl Balance {
             rotation: level.matrix() * rotation,
         })
     }
-}
-
-fn six(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
-    let mut six = Vector6::zeros();
-    six.fixed_rows_mut::<3>(0).copy_from(linear);
-    six.fixed_rows_mut::<3>(3).copy_from(angular);
-    six
 }

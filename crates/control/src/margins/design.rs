@@ -139,31 +139,29 @@ fn linear_design(joint: &JointLoop, needed: &Margins) -> Design {
 
 /// All designs that are so many steps away.
 fn designs(own: Design, steps: usize) -> impl Iterator<Item = Design> {
-    let indices = STIFFNESS
-        .iter()
-        .enumerate()
-        .flat_map(move |(s, stiffness)| {
-            DAMPING.iter().enumerate().flat_map(move |(d, damping)| {
-                FOLLOW.iter().enumerate().flat_map(move |(f, follow)| {
-                    ROTOR.iter().enumerate().flat_map(move |(r, rotor)| {
-                        LINK.iter().enumerate().map(move |(l, link)| {
-                            let design = Design {
-                                rotor: rotor * own.rotor,
-                                link: link * own.link,
-                                follow: follow * own.follow,
-                                stiffness: stiffness * own.stiffness,
-                                damping: damping * own.damping,
-                                ..own
-                            };
-                            (s + d + f + r + l, design)
-                        })
-                    })
-                })
-            })
-        });
-    indices
-        .filter(move |(away, _)| *away == steps)
-        .map(|(_, design)| design)
+    let counts = [
+        STIFFNESS.len(),
+        DAMPING.len(),
+        FOLLOW.len(),
+        ROTOR.len(),
+        LINK.len(),
+    ];
+    (0..counts.iter().product()).filter_map(move |mut k: usize| {
+        // The last share changes first.
+        let mut places = [0; 5];
+        for (place, count) in places.iter_mut().zip(counts).rev() {
+            (*place, k) = (k % count, k / count);
+        }
+        let [s, d, f, r, l] = places;
+        (places.iter().sum::<usize>() == steps).then(|| Design {
+            rotor: ROTOR[r] * own.rotor,
+            link: LINK[l] * own.link,
+            follow: FOLLOW[f] * own.follow,
+            stiffness: STIFFNESS[s] * own.stiffness,
+            damping: DAMPING[d] * own.damping,
+            ..own
+        })
+    })
 }
 
 struct Search {

@@ -34,19 +34,19 @@ impl PredictiveLaw {
         };
         for pair in self.commands.windows(2) {
             if let [now, next] = *pair {
-                run(&self.lag_step, now);
-                run(&self.rest_step, next);
+                run(&self.steps.lag, now);
+                run(&self.steps.rest, next);
             }
         }
         let last = self.commands.last().copied().unwrap_or(self.before);
-        run(&self.lag_step, last);
+        run(&self.steps.lag, last);
         // The command to come follows the link as the last one did.
         let follows = p.measured_origin(velocity * p.sample_period);
         let next = Sent {
             command: last.command + follows,
             ..last
         };
-        run(&self.half_step, next);
+        run(&self.steps.half, next);
         Ahead {
             theta: rotor.theta,
             torsion_velocity: rotor.omega - velocity,

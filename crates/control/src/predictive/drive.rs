@@ -2,7 +2,35 @@
 
 use super::drive_fit::DriveFit;
 use super::observers::RotorStep;
-use super::{PredictiveLaw, Sensed};
+use super::{LawParameters, PredictiveLaw, Sensed};
+
+/// Quantities that follow from the drive's stiffness and damping.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Steps {
+    /// Time within a period at which a command begins to act, and the rest of the period.
+    pub(super) lag: RotorStep,
+    pub(super) rest: RotorStep,
+    /// Half a period: a command is computed for the middle of the time for which it acts.
+    pub(super) half: RotorStep,
+    /// Command per torque of the drive, rad/(N·m) or A/(N·m).
+    pub(super) per_torque: f64,
+    /// Share of the foreseen friction by what a measured motion turns the rotor by in a period, 1/rad.
+    pub(super) per_sliding_way: f64,
+}
+
+impl Steps {
+    pub(super) fn new(p: &LawParameters) -> Self {
+        let (dt, (_, lag)) = (p.sample_period, p.delay_in_cycles());
+        let step = |time: f64| RotorStep::new(p, time);
+        Self {
+            lag: step(lag),
+            rest: step(dt - lag),
+            half: step(0.5 * dt),
+            per_torque: p.command_per_torque(),
+            per_sliding_way: p.per_sliding_way(),
+        }
+    }
+}
 
 impl PredictiveLaw {
     /// The drive's stiffness and damping follow what its current shows of them.
@@ -21,7 +49,7 @@ impl PredictiveLaw {
         };
         if let Some(drive) = drive {
             self.parameters.drive = drive;
-            self.set_steps();
+            self.steps = Steps::new(&self.parameters);
         }
     }
 
@@ -32,17 +60,6 @@ impl PredictiveLaw {
             fit.stagger(index);
         }
         self
-    }
-
-    /// Quantities that follow from the drive's stiffness and damping.
-    pub(super) fn set_steps(&mut self) {
-        let p = &self.parameters;
-        let (dt, (_, lag)) = (p.sample_period, p.delay_in_cycles());
-        let step = |time: f64| RotorStep::new(p, time);
-        (self.lag_step, self.rest_step) = (step(lag), step(dt - lag));
-        self.half_step = step(0.5 * dt);
-        self.per_torque = p.command_per_torque();
-        self.per_sliding_way = p.per_sliding_way();
     }
 
     /// Shares by which the drive's stiffness and damping differ from the configured ones, as its currents

@@ -63,7 +63,6 @@ const NOISE_MEAN_S: f64 = 0.5;
 /// Time for which a drive must be unlike the configured one to be called so, s. Chosen; no experiment recorded.
 const UNLIKE_S: f64 = 3.0;
 
-/// The fit of one drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct DriveFit {
     /// k_d and d_d of the configuration.
@@ -321,7 +320,6 @@ fn prior(torque_limit: f64) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::predictive::{Design, FrictionModel, GearStiffness};
     use test_support::Random;
 
     const STIFFNESS: f64 = 28_900.0;
@@ -329,20 +327,14 @@ mod tests {
 
     fn fit() -> DriveFit {
         DriveFit::new(&LawParameters {
-            sample_period: 1e-3,
-            delay: 1.4e-3,
             drive: DriveLoop::Position {
                 stiffness: STIFFNESS,
                 damping: DAMPING,
                 dead_zone: 1e-4,
                 integral: 0.0,
             },
-            rotor_inertia: 1.5,
-            gear: GearStiffness::constant(57_000.0),
-            friction: FrictionModel::NONE,
             torque_limit: 230.0,
-            disturbance_limit: 55.0,
-            design: Design::default(),
+            ..LawParameters::example()
         })
         .unwrap()
     }

@@ -64,7 +64,6 @@ impl LinearLaw {
         self.law.integral_share > 0.0
     }
 
-    /// Sets the state.
     pub(crate) fn set_state(&mut self, x: &[f64]) {
         let at = |i: usize| x.get(i).copied().unwrap_or(0.0);
         let (others, integral_at) = (self.others(), self.integral_at());
@@ -85,7 +84,6 @@ impl LinearLaw {
         self.carried = CarriedTorque::with_state([at(11), at(12)]);
     }
 
-    /// The state.
     pub(crate) fn state(&self) -> impl Iterator<Item = f64> {
         let law = &self.law;
         let w = &law.reference[0];

@@ -292,31 +292,11 @@ fn kalman(step: &Matrix3<f64>, walk: f64) -> ([f64; 3], Matrix3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::predictive::{Design, DriveLoop, FrictionModel, GearStiffness};
-
-    fn parameters() -> LawParameters {
-        LawParameters {
-            sample_period: 1e-3,
-            delay: 1.4e-3,
-            drive: DriveLoop::Position {
-                stiffness: 8000.0,
-                damping: 58.0,
-                dead_zone: 0.0,
-                integral: 0.0,
-            },
-            rotor_inertia: 0.114,
-            gear: GearStiffness::constant(9000.0),
-            friction: FrictionModel::NONE,
-            torque_limit: 37.0,
-            disturbance_limit: 10.0,
-            design: Design::default(),
-        }
-    }
 
     /// The exact step against ten thousand small ones.
     #[test]
     fn a_step_of_the_rotor_is_the_sum_of_small_ones() {
-        let p = parameters();
+        let p = LawParameters::example();
         let mut rotor = Rotor::new(&p);
         rotor.set_state([0.01, 0.3, 2.0]);
         let (mut theta, mut omega) = (0.01_f64, 0.3_f64);
@@ -344,7 +324,7 @@ mod tests {
     /// a few of its time constants.
     #[test]
     fn the_observer_finds_a_constant_disturbance() {
-        let p = parameters();
+        let p = LawParameters::example();
         let step = RotorStep::new(&p, 1e-3);
         let mut truth = Rotor::new(&p);
         let mut observer = Rotor::new(&p);
@@ -363,7 +343,7 @@ mod tests {
     /// sample on, with the stationary ones not before a hundred milliseconds later.
     #[test]
     fn after_a_gap_the_velocity_is_found_at_once() {
-        let p = parameters();
+        let p = LawParameters::example();
         let mut uncertainty = Link::uncertainty(&p);
         let (mut link, mut slow) = (Link::new(&p), Link::new(&p));
         let dt = p.sample_period;

@@ -398,6 +398,29 @@ fn smooth_sign(x: f64) -> f64 {
 }
 
 #[cfg(test)]
+impl LawParameters {
+    /// For tests: a joint of 37 N·m whose drive takes positions.
+    pub(super) fn example() -> Self {
+        Self {
+            sample_period: 1e-3,
+            delay: 1.4e-3,
+            drive: DriveLoop::Position {
+                stiffness: 8000.0,
+                damping: 58.0,
+                dead_zone: 0.0,
+                integral: 0.0,
+            },
+            rotor_inertia: 0.114,
+            gear: GearStiffness::constant(9000.0),
+            friction: FrictionModel::NONE,
+            torque_limit: 37.0,
+            disturbance_limit: 10.0,
+            design: Design::default(),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
