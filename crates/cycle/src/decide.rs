@@ -20,7 +20,7 @@ use robot_state::{
     Reaction, Reactions, Reference, RobotState, not_followed, source,
 };
 use supervisor::{
-    Drive, DriveGoal, DriveTrouble, JointCondition, Limits, OperatorRequest, RobotMachine, Safety,
+    Drive, DriveGoal, DriveTrouble, JointCondition, OperatorRequest, RobotMachine, Safety,
 };
 
 use crate::emit::status;
@@ -34,9 +34,8 @@ use quick_stop::QuickStops;
 #[derive(Debug)]
 pub(crate) struct Supervisor {
     machine: RobotMachine,
-    limits: Vec<Limits>,
-    /// Positions at which a joint may be enabled, rad.
-    ranges: Vec<RangeInclusive<f64>>,
+    /// Positions at which a joint may be enabled, rad, and |dq| below which it is at rest, rad/s.
+    places: Vec<(RangeInclusive<f64>, f64)>,
     conditions: Vec<JointCondition>,
     holds: HoldCheck,
     drives: Vec<Drive>,
@@ -75,9 +74,8 @@ impl Supervisor {
         let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
         Self {
             machine: RobotMachine::new(joints, p.safety.automatic, cycles(p.safety.time_limit)),
-            limits: p.joints.iter().map(|joint| joint.limits).collect(),
-            ranges: (p.joints.iter())
-                .map(|joint| joint.desired_range())
+            places: (p.joints.iter())
+                .map(|joint| (joint.desired_range(), joint.limits.rest))
                 .collect(),
             conditions: vec![JointCondition::default(); joints],
             holds: HoldCheck::new(robot),
@@ -147,12 +145,8 @@ impl Supervisor {
         modes: &mut Modes,
         counts: &mut Counts,
     ) -> Goal<'a> {
-        let Known {
-            soundness,
-            measured,
-            ..
-        } = *known;
-        self.unsound = if soundness.sensors_ready {
+        let (soundness, measured) = (known.soundness, known.measured);
+        self.unsound = if soundness.ready.sensors {
             0
         } else {
             source::WHOLE_BODY
@@ -176,7 +170,7 @@ impl Supervisor {
         let goal = self.goal(client, soundness, (measured, modes), counts);
         self.machine.set_active(goal.is_followed());
         self.mode = goal.mode();
-        self.explain(client.reference, soundness.joints_ready);
+        self.explain(client.reference, soundness.ready.joints);
         goal
     }
 
@@ -184,11 +178,13 @@ impl Supervisor {
     fn follow_lease(&mut self, lease: &CommanderRecord, counts: &mut Counts) {
         let before = std::mem::replace(&mut self.commander, *lease);
         let since = |now: u32, before: u32| u64::from(now.wrapping_sub(before));
-        let refused = since(lease.refused, before.refused);
-        counts.add_many(Event::CommanderRefused, refused);
-        let refused = since(lease.pieces_refused, before.pieces_refused);
-        counts.add_many(Event::TrajectoryRefused, refused);
+        let pieces = since(lease.pieces_refused, before.pieces_refused);
         let ended = since(lease.trajectories_ended, before.trajectories_ended);
+        counts.add_many(
+            Event::CommanderRefused,
+            since(lease.refused, before.refused),
+        );
+        counts.add_many(Event::TrajectoryRefused, pieces);
         counts.add_many(Event::TrajectoryEnded, ended);
         if lease.replaced != before.replaced {
             self.report(Event::CommanderReplaced, None, counts);
@@ -297,10 +293,9 @@ impl Supervisor {
 
     fn judge(&mut self, known: &Known<'_>) {
         let joints = self.conditions.iter_mut().zip(&known.soundness.joints);
-        let limits = self.limits.iter().zip(&self.ranges);
-        let drives = self.drives.iter().zip(limits);
+        let drives = self.drives.iter().zip(&self.places);
         let measured = &known.measured.joints;
-        for (j, ((condition, joint), ((drive, (limits, range)), measured))) in
+        for (j, ((condition, joint), ((drive, (range, rest)), measured))) in
             joints.zip(drives.zip(measured)).enumerate()
         {
             *condition = JointCondition {
@@ -312,7 +307,7 @@ impl Supervisor {
                 inside: range.contains(&measured.q),
                 drive_enabled: drive.is_enabled(),
                 drive_fault: drive.state() == DriveState::Fault,
-                at_rest: measured.dq.abs() < limits.rest,
+                at_rest: measured.dq.abs() < *rest,
                 unfit: known.soundness.is_unfit(j),
             };
         }
@@ -340,11 +335,11 @@ impl Supervisor {
         if !self.is_possible(mode) {
             self.release(self.degraded_by);
             return Goal::Stop;
-        } else if soundness.overslept && mode != Mode::Hold {
+        } else if soundness.ready.overslept && mode != Mode::Hold {
             self.release(Event::SkippedCycle.number());
             return Goal::Stop;
         }
-        let allowed = self.machine.may_follow() && !self.released && soundness.joints_ready;
+        let allowed = self.machine.may_follow() && !self.released && soundness.ready.joints;
         let asked = asked.filter(|goal| allowed && self.is_possible(goal.mode()));
         let Some(goal) = asked else {
             return Goal::Hold;
@@ -386,8 +381,8 @@ impl Supervisor {
         let needs = self.needs[Mode::InverseDynamics.number() as usize].unwrap_or(u32::MAX);
         let mut joints = self.conditions.iter().enumerate();
         (self.unsound | self.doubted) & needs == 0
-            && soundness.joints_ready
-            && !soundness.overslept
+            && soundness.ready.joints
+            && !soundness.ready.overslept
             && joints
                 .all(|(j, joint)| joint.usable && !joint.distrusted && self.machine.is_engaged(j))
     }

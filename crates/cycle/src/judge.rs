@@ -30,13 +30,12 @@ use whole_body::WholeBody;
 use crate::estimate::{Estimate, FastTorque, Power};
 use crate::events::{Counts, Subject};
 use crate::joint::{Gap, Trust};
-use crate::measure::{JointReadiness, Measure, NOT_USED};
+use crate::measure::{JointReadiness, Measure, NOT_USED, Readiness};
 use crate::mode::JointBits;
 
 pub(crate) use command_delay::CommandDelay;
 pub(crate) use hold_check::{HoldCheck, Unheld};
 
-/// What checks look at.
 pub(crate) struct Evidence<'a> {
     pub(crate) measured: &'a MeasuredRecord,
     pub(crate) estimated: &'a EstimatedRecord,
@@ -219,13 +218,8 @@ fn of_each<C: JointCheck + 'static>(
 pub(crate) struct Soundness {
     /// Soundness of each joint's samples.
     pub(crate) joints: Vec<JointReadiness>,
-    /// Every joint has answered, and its filters are full.
-    pub(crate) joints_ready: bool,
-    /// Every F/T sensor and IMU has, and their filters are full.
-    pub(crate) sensors_ready: bool,
+    pub(crate) ready: Readiness,
     skipped: u32,
-    /// The loop has not run for longer than samples may be old: what was followed before is over.
-    pub(crate) overslept: bool,
     unfit: u64,
     heat: Vec<Heat>,
 }
@@ -233,7 +227,7 @@ pub(crate) struct Soundness {
 impl Soundness {
     /// Periods before this cycle in which the loop did not run.
     pub(crate) fn gap(&self) -> Gap {
-        match (self.overslept, self.skipped) {
+        match (self.ready.overslept, self.skipped) {
             (true, skipped) => Gap::Overslept(skipped),
             (false, 0) => Gap::None,
             (false, skipped) => Gap::Bridged(skipped),
@@ -267,7 +261,6 @@ impl Soundness {
     }
 }
 
-/// All checks of a robot.
 #[derive(Debug)]
 pub(crate) struct Judge {
     checks: Vec<Box<dyn Check>>,
@@ -297,10 +290,8 @@ impl Judge {
             checks: checks.into_iter().flatten().collect(),
             soundness: Soundness {
                 joints: vec![JointReadiness::default(); robot.parameters.joints.len()],
-                joints_ready: false,
-                sensors_ready: false,
+                ready: Readiness::default(),
                 skipped: 0,
-                overslept: false,
                 unfit: 0,
                 heat: vec![Heat::NONE; robot.parameters.joints.len()],
             },
@@ -362,15 +353,14 @@ impl Judge {
             joint.thermal_load = heat.load;
         }
         self.distrusted = distrusted;
-        self.soundness.joints.copy_from_slice(readiness.joints);
-        for (j, joint) in self.soundness.joints.iter_mut().enumerate() {
+        let joints = &mut self.soundness.joints;
+        joints.copy_from_slice(measure.joint_readiness());
+        for (j, joint) in joints.iter_mut().enumerate() {
             if distrusted & bit(j) != 0 {
                 (joint.plausible, joint.distrusted, joint.slipped) = (false, true, true);
             }
         }
-        self.soundness.joints_ready = readiness.joints_ready;
-        self.soundness.sensors_ready = readiness.sensors_ready;
-        self.soundness.overslept = readiness.overslept;
+        self.soundness.ready = readiness;
         self.soundness.skipped = measure.skipped();
         self.soundness.unfit = unfit;
     }

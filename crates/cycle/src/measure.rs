@@ -61,13 +61,12 @@ pub(crate) struct JointReadiness {
 }
 
 /// Later steps that this cycle's measured values are good enough for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Readiness<'m> {
-    pub(crate) joints: &'m [JointReadiness],
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Readiness {
     /// Every joint has answered, and its filters are full.
-    pub(crate) joints_ready: bool,
+    pub(crate) joints: bool,
     /// Every F/T sensor and IMU has, and their filters are full.
-    pub(crate) sensors_ready: bool,
+    pub(crate) sensors: bool,
     /// The loop has not run for longer than samples may be old: what was followed before is over.
     pub(crate) overslept: bool,
 }
@@ -190,14 +189,18 @@ impl Measure {
     }
 
     /// Later steps that this cycle's measured values are good enough for.
-    pub(crate) fn readiness(&self) -> Readiness<'_> {
+    pub(crate) fn readiness(&self) -> Readiness {
         let unready = measured_flags::NEVER | measured_flags::SETTLING;
         Readiness {
-            joints: &self.joint_readiness,
-            joints_ready: self.joint_flags & unready == 0,
-            sensors_ready: self.sensor_flags & unready == 0,
+            joints: self.joint_flags & unready == 0,
+            sensors: self.sensor_flags & unready == 0,
             overslept: self.overslept(),
         }
+    }
+
+    /// Whether each joint's samples can be relied on.
+    pub(crate) fn joint_readiness(&self) -> &[JointReadiness] {
+        &self.joint_readiness
     }
 
     /// Periods before this cycle in which the loop did not run; not more than are bridged.

@@ -12,7 +12,6 @@ use supervisor::{Drive, DriveGoal, JointCondition};
 /// enabled for longer does not know the word, and is switched off.
 const ENTERS_S: f64 = 0.02;
 
-/// The quick stops of all joints.
 #[derive(Debug)]
 pub(super) struct QuickStops {
     joints: Vec<QuickStop>,

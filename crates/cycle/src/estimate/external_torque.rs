@@ -231,6 +231,16 @@ impl Lasting {
     }
 }
 
+/// The torque of a joint in the last half second.
+#[derive(Debug, Clone)]
+struct Lately {
+    /// The filtered torque on average, N·m.
+    mean: f64,
+    /// Cycles for which the torque has not been known, and those since, up to the window.
+    missed: u32,
+    seen: u32,
+}
+
 /// Torque of joints less that of the model, both behind short filters.
 #[derive(Debug)]
 struct Change {
@@ -239,12 +249,9 @@ struct Change {
     filter: FilterBank,
     window: u32,
     newest: Vec<f64>,
-    /// The filtered torque of the last half second, on average, N·m, and the share of a cycle in it.
-    lately: Vec<f64>,
+    joints: Vec<Lately>,
+    /// Share of a cycle in the averages of the last half second.
     forgetting: f64,
-    /// Cycles for which each joint's torque has not been known, and those since, up to the window.
-    missed: Vec<u32>,
-    seen: Vec<u32>,
     /// Cycles without a sample of any joint or sensor, and those since.
     gaps: Gaps,
 }
@@ -258,10 +265,15 @@ impl Change {
             window: filter.kernel().len() as u32,
             filter,
             newest: vec![f64::NAN; joints],
-            lately: vec![0.0; joints],
+            joints: vec![
+                Lately {
+                    mean: 0.0,
+                    missed: u32::MAX,
+                    seen: 0,
+                };
+                joints
+            ],
             forgetting: (robot.parameters.timing.sample_period / LATELY_S).min(1.0),
-            missed: vec![u32::MAX; joints],
-            seen: vec![0; joints],
             gaps: Gaps {
                 joints: vec![0; joints],
                 sensors: vec![0; robot.parameters.ft_sensors.len() + 1],
@@ -278,24 +290,22 @@ impl Change {
         measured: &MeasuredRecord,
         known: bool,
     ) {
-        let states = self.missed.iter_mut().zip(&mut self.seen);
-        for ((newest, (missed, seen)), fast) in self.newest.iter_mut().zip(states).zip(fast) {
+        for ((newest, own), fast) in self.newest.iter_mut().zip(&mut self.joints).zip(fast) {
             // Without the level the error of a gear at rest would look like a change.
             *newest = fast.levelled_freely.unwrap_or(f64::NAN);
-            let missed = count_in_a_row(missed, !newest.is_finite());
-            *seen = if missed > BRIDGED {
+            let missed = count_in_a_row(&mut own.missed, !newest.is_finite());
+            own.seen = if missed > BRIDGED {
                 0
             } else {
-                (*seen + 1).min(self.window)
+                (own.seen + 1).min(self.window)
             };
         }
         self.filter.update(&self.newest);
-        let states = self.lately.iter_mut().zip(&self.seen);
-        for ((lately, seen), torque) in states.zip(self.filter.values()) {
-            *lately = if *seen < self.window {
+        for (own, torque) in self.joints.iter_mut().zip(self.filter.values()) {
+            own.mean = if own.seen < self.window {
                 *torque
             } else {
-                *lately + self.forgetting * (torque - *lately)
+                own.mean + self.forgetting * (torque - own.mean)
             };
         }
         self.gaps.update(measure, measured, self.window);
@@ -304,17 +314,14 @@ impl Change {
             self.whole_body.update_torques(&signals.input());
         }
         if !known {
-            self.seen.fill(0);
+            self.joints.iter_mut().for_each(|own| own.seen = 0);
         }
     }
 
     /// The change of the external torque of a joint; none while it is not known.
     fn of(&self, joint: usize, sigma: f64) -> Option<External> {
         let model = self.whole_body.estimate();
-        let full = self
-            .seen
-            .get(joint)
-            .is_some_and(|seen| *seen >= self.window);
+        let full = self.joints.get(joint)?.seen >= self.window;
         if !(full && model.valid && self.gaps.left == 0) {
             return None;
         }
@@ -326,8 +333,8 @@ impl Change {
 
     /// How far the torque of a joint is from where it was lately, N·m.
     fn torque_change(&self, joint: usize) -> f64 {
-        let torques = self.filter.values().get(joint).zip(self.lately.get(joint));
-        torques.map_or(0.0, |(torque, lately)| torque - lately)
+        let torques = self.filter.values().get(joint).zip(self.joints.get(joint));
+        torques.map_or(0.0, |(torque, lately)| torque - lately.mean)
     }
 
     /// |ddq| of a joint, rad/s².

@@ -78,7 +78,6 @@ impl Past {
         }
     }
 
-    /// Takes the loads of this cycle.
     fn update(&mut self, now: Loads, sound: bool) {
         self.now = now;
         if !sound {
@@ -100,7 +99,6 @@ impl Past {
     }
 }
 
-/// See the module.
 #[derive(Debug)]
 pub(crate) struct GravityLoad {
     past: Past,

@@ -11,7 +11,6 @@ use robot_state::{CommandedRecord, DriveState};
 /// ones take 20 ms. Chosen; no experiment recorded.
 pub(crate) const SETTLING_S: f64 = 0.5;
 
-/// The drives of a robot.
 #[derive(Debug)]
 pub(crate) struct Power {
     joints: Vec<Joint>,

@@ -9,7 +9,6 @@ use super::JointInput;
 use super::carry::{CarryParameters, smaller};
 use crate::mode::{Follow, Foresight, Impedance};
 
-/// See the module.
 #[derive(Debug, Clone)]
 pub(super) struct Constants {
     pub(super) drive: DriveModel,

@@ -22,7 +22,6 @@ use crate::mode::{Bristle, Entry, Follow, Impedance, JointGoal, Speed};
 /// joint fall. A payload of a fifth of the limb's mass may be unknown to the model.
 const WEIGHT_MARGIN: f64 = 1.2;
 
-/// What the joint is doing.
 #[derive(Debug, Clone)]
 pub(super) enum State {
     /// The drive's own position loop holds at `hold_q`, which comes to rest as `stop` does.
@@ -58,7 +57,6 @@ impl State {
     }
 }
 
-/// See the module.
 #[derive(Debug, Clone)]
 pub(super) struct Controller {
     constants: Constants,

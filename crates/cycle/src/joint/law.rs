@@ -19,7 +19,6 @@ use super::{Gap, JointInput};
 use motor_side::MotorSide;
 use predictive::{predictive_command, sensed};
 
-/// The law of one joint.
 #[derive(Debug, Clone)]
 pub(super) enum Law {
     /// The motor's angle is led by a model of gear and drive, from a torque without delay.

@@ -12,7 +12,6 @@ use super::{Check, Evidence, Verdict};
 use crate::estimate::valid;
 use crate::events::Subject;
 
-/// The cross-check of a robot.
 #[derive(Debug)]
 struct CrossCheckStage {
     check: CrossCheck,

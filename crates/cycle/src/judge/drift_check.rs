@@ -76,7 +76,6 @@ struct Stand {
     over_s: f64,
 }
 
-/// One joint.
 #[derive(Debug, Clone)]
 struct Joint {
     torque_limit: f64,
@@ -100,7 +99,6 @@ struct Errors {
     omega: f64,
 }
 
-/// One cycle of one joint.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     /// By torsion, and from F/T sensors and IMU, N·m.

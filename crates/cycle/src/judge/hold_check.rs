@@ -38,7 +38,6 @@ pub(crate) enum Unheld {
     Away,
 }
 
-/// One joint.
 #[derive(Debug, Clone)]
 enum Joint {
     /// Cycles left until it is left to its brake; none without one.
@@ -49,7 +48,6 @@ enum Joint {
     },
 }
 
-/// All joints of a robot.
 #[derive(Debug)]
 pub(crate) struct HoldCheck {
     joints: Vec<Joint>,

@@ -44,7 +44,6 @@ const FILTER_S: f64 = 0.05;
 /// Time for which the errors must last, s. Chosen; no experiment recorded.
 const LASTS_S: f64 = 0.1;
 
-/// One joint.
 #[derive(Debug, Clone)]
 struct Joint {
     motor: Motor,
@@ -58,7 +57,6 @@ struct Joint {
     over_off_s: f64,
 }
 
-/// One cycle of one joint.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     /// Torque by torsion, N·m.

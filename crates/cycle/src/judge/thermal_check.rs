@@ -25,7 +25,6 @@ const HYSTERESIS: f64 = 0.05;
 #[derive(Debug, Clone, Copy)]
 struct Levels([f64; 4]);
 
-/// One joint's drive.
 #[derive(Debug)]
 struct Drive {
     thermal: Thermal,

@@ -51,7 +51,6 @@ struct Means {
     contradicts: bool,
 }
 
-/// One joint.
 #[derive(Debug, Clone)]
 struct Joint {
     index: usize,

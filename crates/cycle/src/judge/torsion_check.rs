@@ -101,7 +101,6 @@ struct Changes {
     bridged: u32,
 }
 
-/// One joint.
 #[derive(Debug, Clone)]
 struct Joint {
     motor: Motor,

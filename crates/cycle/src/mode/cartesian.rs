@@ -27,7 +27,6 @@ use frames::Frames;
 
 pub(super) use frame_check::is_finite;
 
-/// See the module.
 #[derive(Debug)]
 struct Cartesian {
     check: FrameCheck,

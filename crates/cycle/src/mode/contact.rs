@@ -66,7 +66,6 @@ struct Touched {
     gone_s: f64,
 }
 
-/// See the module.
 #[derive(Debug)]
 pub(super) struct Contact {
     settings: Option<ContactReaction>,

@@ -5,7 +5,6 @@ use robot_state::Mode;
 
 use super::{ClientMode, Made, ModeCycle, Unfit};
 
-/// See the module.
 #[derive(Debug)]
 struct InverseDynamics;
 

@@ -31,7 +31,6 @@ struct Learned {
     neighbours: [Option<usize>; 2],
 }
 
-/// See the module.
 #[derive(Debug)]
 struct LowGain {
     joints: Vec<Joint>,

@@ -26,7 +26,6 @@ struct Joint {
     impedance: Impedance,
 }
 
-/// See the module.
 #[derive(Debug)]
 struct Passive {
     joints: Vec<Joint>,

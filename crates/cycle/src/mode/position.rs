@@ -103,7 +103,6 @@ fn here(joint: &JointMeasured, limits: &MotionLimits) -> PlannedMotion {
     }
 }
 
-/// See the module.
 #[derive(Debug)]
 struct Position {
     motions: Motions,

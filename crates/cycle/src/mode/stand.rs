@@ -47,7 +47,6 @@ struct Level {
     now: f64,
 }
 
-/// See the module.
 #[derive(Debug)]
 struct Stand {
     balance: Balance,

@@ -57,7 +57,6 @@ impl Default for Feedback {
 pub(crate) struct Follow {
     /// The mode whose torque it is: a joint begins anew when it changes.
     pub(crate) mode: Mode,
-    /// How the joint begins.
     pub(crate) entry: Entry,
     pub(crate) torque: RigidBodyTorque,
     /// Spring and damper towards a desired motion; none: the torque alone.

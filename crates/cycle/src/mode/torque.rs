@@ -7,7 +7,6 @@ use super::{
     Bounds, Bristle, ClientMode, Entry, Follow, Made, ModeCycle, RigidBodyTorque, Speed, Unfit,
 };
 
-/// See the module.
 #[derive(Debug)]
 struct Torque;
 

@@ -24,7 +24,6 @@ struct Joint {
     link_inertia: f64,
 }
 
-/// See the module.
 #[derive(Debug)]
 struct TorqueFeedback {
     joints: Vec<Joint>,

@@ -18,7 +18,6 @@ const ROUNDING: f64 = 1.001;
 /// payload of that much is still moved. Chosen; no experiment recorded.
 const LEAD_SHARE: f64 = 0.3;
 
-/// See the module.
 #[derive(Debug)]
 struct Velocity {
     joints: Vec<VelocityStream>,

@@ -54,7 +54,6 @@ const LOWEST_M: f64 = 0.04;
 /// ten times what calibrated angles and a floor that gives way leave on the simulated humanoid.
 const NEAR_M: f64 = 0.02;
 
-/// See the module.
 #[derive(Debug, Clone, Copy, Default)]
 struct Foot {
     sensor: usize,
@@ -76,7 +75,6 @@ struct Foot {
     below: f64,
 }
 
-/// See the module.
 #[derive(Debug)]
 pub(super) struct Footing {
     feet: [Foot; MAX_FEET],
