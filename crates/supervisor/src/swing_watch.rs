@@ -145,12 +145,12 @@ impl SwingWatch {
         let works = [0, 1].map(|i| now.work[i] + before.work[i] > 0.0);
         let drives = works[0] && presses[0] || works[1] && presses[1] && now.way >= great;
         let is_half = now.way >= small && now.time_s < LONGEST_S;
-        self.count = match is_half {
+        let lasts = drives && now.way >= LASTS * same_side.way;
+        self.count = match (is_half, self.count) {
+            (false, _) => 0,
             // A first half has no half before it: only its way is known.
-            true if self.count == 0 => 1,
-            true if drives && now.way >= LASTS * same_side.way => self.count + 1,
-            true => 1,
-            false => 0,
+            (true, count @ 1..) if lasts => count + 1,
+            (true, _) => 1,
         };
         (self.turned, self.furthest) = (self.furthest, angle);
         self.direction = -self.direction;

@@ -82,11 +82,14 @@ impl MotorSideLoop {
         // 1/s³ by K_i K_s on a free inertia, 1/s² by K_s, or K_i K_d; 1/s by K_i, K_d, or the way of a command
         // that goes along with a rotor.
         let integral = u8::from(g.k_i > 0.0);
-        let poles = match Load::MOVING.contains(&load) {
-            true if g.k_s > 0.0 => 2 + integral,
-            true if g.k_d > 0.0 => 1 + integral,
-            true => 1,
-            false => integral,
+        let poles = if !Load::MOVING.contains(&load) {
+            integral
+        } else if g.k_s > 0.0 {
+            2 + integral
+        } else if g.k_d > 0.0 {
+            1 + integral
+        } else {
+            1
         };
         let open = |w| -self.signals(w, load).made;
         nyquist(poles, self.law.sample_period, open)
