@@ -312,3 +312,19 @@ proptest! {
         }
     }
 }
+
+/// A joint that answers now and then is bridged by its last velocity most of the time, and would never stop by itself.
+#[test]
+fn a_joint_that_answers_every_second_time_is_stale() {
+    for (every, stale) in [(2, true), (7, false)] {
+        let mut bench = Bench::new("leg");
+        bench.run(400);
+        for k in 0..400 {
+            bench.gather();
+            bench.drop_answers(|f| k % every == 0 && f.bus == 1);
+            bench.compute(&ClientInput::default());
+        }
+        let expected = if stale { Event::JointStale.number() } else { 0 };
+        assert_eq!(bench.cycle.record().fault, expected, "every {every}");
+    }
+}

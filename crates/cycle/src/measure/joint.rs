@@ -42,6 +42,8 @@ pub(super) struct JointReader {
     /// Torque per current, link side, N·m/A.
     torque_per_current: f64,
     sample_period: f64,
+    /// Time for which answers were missed, less half of that for which they came, s.
+    lacking_s: f64,
     /// The drive has followed set-points since the last cycle.
     driven: bool,
     /// Torsion that the estimated torque explains, rad; none with a link-side encoder.
@@ -79,6 +81,7 @@ impl JointReader {
             link_per_motor: 1.0 / n,
             torque_per_current: n * joint.estimator.wave_generator.torque_constant,
             sample_period: period,
+            lacking_s: 0.0,
             driven: false,
             torsion: (!joint.has_link_encoder).then_some(0.0),
             shown: [0.0; 2],
@@ -153,7 +156,8 @@ impl JointReader {
         sample: &mut JointSample,
         counts: &mut Counts,
     ) -> FilterAngles {
-        let reading = reception.reading(&mut self.source, at, counts);
+        let mut reading = reception.reading(&mut self.source, at, counts);
+        reading.flags |= self.lacking(reading.flags, reception.stale_after_s());
         let (new, mut angles) = self.angles(reception, &reading);
         let flags = reading.flags | angles.flags | self.implausible(&angles);
         let used = flags & NOT_USED == 0;
@@ -184,6 +188,23 @@ impl JointReader {
         // Encoders that contradict each other still show how fast they move.
         let moves = lost && reading.usable;
         self.filter_angles(&angles, used, lost, moves, measured)
+    }
+
+    /// The flag of a joint that is stale though it answers now and then: where more than a third of the answers is missed, it
+    /// goes on by its last velocity most of the time, and would never stop by itself.
+    fn lacking(&mut self, flags: u32, stale_after_s: f64) -> u32 {
+        let missed = flags & (measured_flags::MISSED | measured_flags::NEVER);
+        if missed != measured_flags::MISSED {
+            self.lacking_s = (self.lacking_s - 0.5 * self.sample_period).max(0.0);
+            return 0;
+        }
+        // Bounded, so that a joint that was silent for long is not stale for long after that.
+        self.lacking_s = (self.lacking_s + self.sample_period).min(2.0 * stale_after_s);
+        if self.lacking_s > stale_after_s {
+            measured_flags::STALE
+        } else {
+            0
+        }
     }
 
     /// The sample and the angles of what was received.

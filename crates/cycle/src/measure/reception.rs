@@ -204,6 +204,11 @@ impl Reception {
         self.aged(source, at, usable, flags)
     }
 
+    /// Age from which on a sample is stale, s.
+    pub(super) fn stale_after_s(&self) -> f64 {
+        self.stale_after_s
+    }
+
     /// The reading of a sample that cannot be right: the one that was used `before` still counts.
     pub(crate) fn reject(
         &self,
