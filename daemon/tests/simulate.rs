@@ -313,3 +313,16 @@ fn the_humanoid_of_the_demo_bows_in_mode_stand() {
         assert!(largest(hip) > Some(20.0), "{hip}: {:?} N·m", largest(hip));
     }
 }
+
+#[test]
+fn the_demo_refuses_to_stand_without_a_floor() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
+    let out = command.args(["demo", "--fast", "--harness", "chest_pitch_link"]);
+    let out = out.output().expect("runs");
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{error}");
+    assert!(
+        error.contains("--harness") && error.contains("--motion"),
+        "{error}"
+    );
+}

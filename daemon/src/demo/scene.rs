@@ -11,6 +11,7 @@ use problem::Problem;
 use recording::{AttachedFile, Header, Start};
 use robot_config::Robot;
 
+use super::motion::MotionMode;
 use super::{DemoOptions, Motion, robots};
 use crate::bus::Bus;
 use crate::control_loop::ControlLoop;
@@ -96,6 +97,18 @@ pub(super) fn load(options: &DemoOptions) -> Result<Scene, Failure> {
         }
         Err(e) => return Err(refuse(&path, e)),
     };
+    if motion.mode == MotionMode::Stand {
+        if let Some(problem) = robot.cannot_stand() {
+            return Err(Failure::bad_input(problem.or_at(&path, 0)));
+        }
+        if options.harness.is_some() {
+            let reason = "--harness: the motion is in mode \"stand\", which needs a floor";
+            let allowed = "--motion with a file in mode \"inverse_dynamics\"";
+            return Err(Failure::bad_input(
+                Problem::new(reason, allowed).at(&path, 0),
+            ));
+        }
+    }
     Ok(Scene {
         robot,
         plant,
