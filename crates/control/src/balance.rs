@@ -15,6 +15,7 @@ mod floor;
 mod ground;
 mod least_squares;
 mod observer;
+mod roll;
 mod swing;
 mod turn;
 
@@ -34,6 +35,7 @@ use nalgebra::{Matrix3, Matrix6xX, Vector2, Vector3, Vector6};
 pub(crate) use observer::OBSERVES;
 use observer::{OBSERVES_ON_ONE_FOOT, Observer};
 use robot_state::Wrench;
+use roll::Roll;
 pub(crate) use turn::{FINDS, TURNS_BACK};
 
 /// Frequency of the posture, critically damped, rad/s. Chosen on the simulated humanoid (docs/results/standing.md).
@@ -60,7 +62,9 @@ struct Foot {
     /// See [`BalanceInput`].
     bears: f64,
     lifts: bool,
-    /// Up in its sensor's axes when it first stood, and how far it was turned against the others when it was put down, rad.
+    /// Up in its sensor's axes in this cycle, if it stands.
+    up: Option<Vector3<f64>>,
+    /// The same when it first stood, and how far it was turned against the others when it was put down, rad.
     first_up: Option<Vector3<f64>>,
     put_down: Option<f64>,
     /// Joints between the base and the foot, in the order of the model.
@@ -95,6 +99,8 @@ pub struct BalanceInput<'a> {
     /// Offset of the centre of mass from the middle of the soles, forward and to the left as the base stood when it
     /// began, m.
     pub offset: [f64; 2],
+    /// Newest angular velocity by the gyroscope, rad/s, in its own axes, where one is sound.
+    pub gyro: Option<Vector3<f64>>,
     /// Sample period, s.
     pub dt: f64,
 }
@@ -119,6 +125,8 @@ pub struct Balance {
     model: Model,
     data: Data,
     feet: Vec<Foot>,
+    /// None without a gyroscope.
+    roll: Option<Roll>,
     q: Vec<f64>,
     v: Vec<f64>,
     /// Velocities of the joints, low-passed, rad/s.
@@ -143,10 +151,10 @@ pub struct Balance {
 }
 
 impl Balance {
-    /// Balance on feet: the frames of their F/T sensors, and their soles. A model with a fixed base, or without feet,
-    /// does not balance; of more than four feet the first four count.
+    /// Balance on feet: the frames of their F/T sensors, and their soles; and the frame of the gyroscope, where there is one.
+    /// A model with a fixed base, or without feet, does not balance; of more than four feet the first four count.
     #[must_use]
-    pub fn new(model: &Model, feet: &[(usize, Sole)]) -> Option<Self> {
+    pub fn new(model: &Model, feet: &[(usize, Sole)], gyro: Option<usize>) -> Option<Self> {
         let gravity = model.gravity().norm();
         if model.base() != Base::Floating || feet.is_empty() || gravity <= 0.0 {
             return None;
@@ -164,6 +172,7 @@ impl Balance {
                 stands: false,
                 bears: 0.0,
                 lifts: false,
+                up: None,
                 first_up: None,
                 put_down: None,
                 joints: joints.map(|(j, _)| j).collect(),
@@ -180,6 +189,7 @@ impl Balance {
         Some(Self {
             data: Data::new(&model),
             feet,
+            roll: gyro.map(Roll::new),
             q,
             v: vec![0.0; nv],
             dq: vec![0.0; model.joint_count()],
@@ -205,6 +215,9 @@ impl Balance {
         self.led = None;
         (self.center, self.turned) = (None, None);
         self.floor = None;
+        if let Some(roll) = &mut self.roll {
+            roll.restart();
+        }
         for foot in &mut self.feet {
             (foot.first_up, foot.put_down) = (None, None);
         }
@@ -215,7 +228,8 @@ impl Balance {
     pub fn update(&mut self, input: &BalanceInput<'_>) -> Option<(&[f64], Balanced)> {
         self.smooth(input);
         self.place(input);
-        let floor = self.floor(input)?;
+        self.roll(input);
+        let floor = self.floor()?;
         self.take_along(&floor);
         self.floor = Some(floor);
         self.move_base();
@@ -329,11 +343,16 @@ impl Balance {
         }
     }
 
+    /// Up in the axes of the base.
+    fn up(&self) -> Option<Vector3<f64>> {
+        let feet = self.feet.iter();
+        let up = feet.filter_map(|foot| foot.up.as_ref().map(|up| foot.at.rotation * up));
+        up.sum::<Vector3<f64>>().try_normalize(0.1)
+    }
+
     /// The floor in the axes of the base.
-    fn floor(&self, input: &BalanceInput<'_>) -> Option<Floor> {
-        let feet = self.feet.iter().zip(&input.up);
-        let up = feet.filter_map(|(foot, up)| up.as_ref().map(|up| foot.at.rotation * up));
-        let up = up.sum::<Vector3<f64>>().try_normalize(0.1)?;
+    fn floor(&self) -> Option<Floor> {
+        let up = self.up()?;
         let first = self.feet.iter().position(|foot| foot.stands)?;
         self.floor_of(first, &up)
     }

@@ -140,7 +140,7 @@ impl World {
 
 fn balance(world: &World) -> Balance {
     let feet: Vec<(usize, Sole)> = world.feet.iter().map(|foot| (*foot, sole())).collect();
-    Balance::new(&world.model, &feet).unwrap()
+    Balance::new(&world.model, &feet, None).unwrap()
 }
 
 /// Torques of a cycle in which the pose `q_d` (of all) is desired.
@@ -170,6 +170,7 @@ fn torques(
         bears: [1.0; MAX_FEET],
         lifts: [false; MAX_FEET],
         offset,
+        gyro: None,
         dt: DT,
     };
     let (torque, balanced) = balance.update(&input).unwrap();
@@ -254,11 +255,11 @@ fn the_capture_point_shows_what_soles_cannot_hold() {
 #[test]
 fn what_cannot_balance_is_no_balance() {
     let world = World::new();
-    assert!(Balance::new(&world.model, &[]).is_none());
+    assert!(Balance::new(&world.model, &[], None).is_none());
     let file = "robot-models/leg/robot.urdf";
     let text = read_project_file(file).unwrap();
     let model = Model::from_urdf(&text, file, Base::Fixed).unwrap();
-    assert!(Balance::new(&model, &[(0, sole())]).is_none());
+    assert!(Balance::new(&model, &[(0, sole())], None).is_none());
     // On no foot there are no torques; on one foot the other bears nothing.
     let mut balance = balance(&world);
     let n = world.model.joint_count();
@@ -271,6 +272,7 @@ fn what_cannot_balance_is_no_balance() {
         bears: [1.0; MAX_FEET],
         lifts: [false; MAX_FEET],
         offset: [0.0; 2],
+        gyro: None,
         dt: DT,
     };
     assert!(balance.update(&input).is_none());

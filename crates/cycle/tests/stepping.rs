@@ -103,12 +103,15 @@ fn it_stands_on_one_foot() {
 #[test]
 fn on_one_foot_sensors_that_err_move_no_leg() {
     type Spoil = fn(&mut Bench);
-    let cases: [(&str, Spoil); 2] = [
+    let cases: [(&str, Spoil); 3] = [
         ("the lifted foot's sensor", |bench| {
             spoil_ft(bench, |axes| axes[2] += 200.0)
         }),
         ("the accelerometer", |bench| {
             spoil_source(bench, Source::Imu(0), |axes| axes[4] += 1.0);
+        }),
+        ("the gyroscope", |bench| {
+            spoil_source(bench, Source::Imu(0), |axes| axes[0] += 0.1);
         }),
     ];
     for (what, spoil) in cases {

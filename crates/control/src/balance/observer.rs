@@ -8,9 +8,9 @@ use nalgebra::SVector;
 /// Frequency of the three poles, rad/s. Chosen on the simulated humanoid: velocities by the joints alone, low-passed by 50
 /// rad/s, made the ankle ring by 40 N·m at 20 Hz on a floor that gives way.
 pub(crate) const OBSERVES: f64 = 35.0;
-/// Frequency of the three poles on one foot, rad/s: it rolls on the floor by itself, which the joints show as motion of the
-/// body. Chosen on the simulated humanoid, on whose floor a foot rolls by 1 rad for 2 to 3 kN·m: with 12 rad/s the ankle of
-/// one foot goes on swinging by 16 N·m at 12 Hz once it does, with 35 the hip does by itself; with 10 neither does.
+/// Frequency of the three poles on one foot, rad/s: it rolls on the floor by itself, which joints show as motion of the body
+/// where no gyroscope shows the roll. Chosen on the simulated humanoid, on whose floor a foot rolls by 1 rad for 2 to 3 kN·m.
+/// Without a gyroscope the ankle goes on swinging by 16 N·m at 12 Hz with 12 rad/s, the hip with 35, neither with 10.
 pub(super) const OBSERVES_ON_ONE_FOOT: f64 = 10.0;
 
 /// Observer of an angle or a place whose acceleration is known but for one that lasts (D. G. Luenberger, 1966): three

@@ -31,7 +31,7 @@ impl Foot {
 impl Balance {
     /// The angular acceleration that turns the base to where the desired pose has it, against the feet.
     pub(super) fn turn(&mut self, input: &BalanceInput<'_>) -> Vector3<f64> {
-        let error = self.turned_off(input);
+        let error = self.turned_off();
         let mut desired = [Vector3::zeros(); 2];
         let mut feet = 0.0;
         for foot in self.feet.iter().filter(|foot| foot.stands) {
@@ -69,9 +69,9 @@ impl Balance {
 
     /// From where the base is to where the desired pose has it, by the feet that stand, rad. Each shows the tilt by where up
     /// is in its axes, against where it was when it first stood; and the turn about it, from where it was put down.
-    pub(super) fn turned_off(&mut self, input: &BalanceInput<'_>) -> Vector3<f64> {
-        let known = self.feet.iter().zip(&input.up).filter_map(|(foot, up)| {
-            let (tilt, turn, up) = foot.turned(up.as_ref()?)?;
+    pub(super) fn turned_off(&mut self) -> Vector3<f64> {
+        let known = self.feet.iter().filter_map(|foot| {
+            let (tilt, turn, up) = foot.turned(foot.up.as_ref()?)?;
             Some((tilt, turn - foot.put_down?, up))
         });
         let (tilt, turn, up, count) = known.fold(
@@ -82,8 +82,8 @@ impl Balance {
         );
         let feet = f64::max(count, 1.0);
         let (mut tilt, mut turn, mut up, mut all) = (tilt, turn, up, count);
-        for (foot, own_up) in self.feet.iter_mut().zip(&input.up) {
-            let Some(own_up) = own_up.filter(|_| foot.put_down.is_none()) else {
+        for foot in &mut self.feet {
+            let Some(own_up) = foot.up.filter(|_| foot.put_down.is_none()) else {
                 continue;
             };
             foot.first_up.get_or_insert(own_up);

@@ -11,8 +11,9 @@ mod footing;
 
 use control::{Balance, BalanceInput, MAX_FEET};
 use footing::Footing;
+use nalgebra::Vector3;
 use robot_config::Robot;
-use robot_state::{CommandedRecord, Mode, Reference};
+use robot_state::{CommandedRecord, ImuMeasured, Mode, Reference, measured_flags};
 use supervisor::time_in_a_row;
 
 use super::{
@@ -20,6 +21,7 @@ use super::{
     Spring, Task, Unfit,
 };
 use crate::inputs::Seen;
+use crate::measure::NOT_USED;
 
 /// How far outside the soles the capture point may be, m, and for how long, s: where it stays longer the robot falls.
 /// Chosen on the simulated humanoid: what soles and angles are known by.
@@ -45,6 +47,12 @@ struct Level {
     /// Least and greatest torque by torsion since then.
     span: [f64; 2],
     now: f64,
+}
+
+/// The newest sample of the gyroscope, rad/s, if it is one.
+fn sound_gyro(imu: &ImuMeasured) -> Option<Vector3<f64>> {
+    let without = imu.flags & (NOT_USED | measured_flags::STALE | measured_flags::STANDS_IN) != 0;
+    (!without).then_some(imu.gyro.into())
 }
 
 #[derive(Debug)]
@@ -79,7 +87,9 @@ pub(super) fn make(robot: &Robot) -> Made {
     let (sensors, feet): (Vec<_>, Vec<_>) = feet.take(MAX_FEET).unzip();
     let limits = p.joints.iter().map(|joint| joint.limits.torque);
     let zeros = || vec![0.0; robot.model.joint_count()];
-    let stand = Balance::new(&robot.model, &feet).map(|balance| Stand {
+    let imu = p.imus.first();
+    let gyro = imu.and_then(|imu| robot.model.frame_index(&imu.frame));
+    let stand = Balance::new(&robot.model, &feet, gyro).map(|balance| Stand {
         balance,
         footing: Footing::new(&sensors),
         model_index: p.joints.iter().map(|joint| joint.model_index).collect(),
@@ -142,6 +152,7 @@ impl Stand {
             bears: self.footing.bears(),
             lifts: self.footing.lifts(),
             offset: asked.reference.center_of_mass_offset,
+            gyro: sound_gyro(&seen.measured.imu),
             dt: seen.dt,
         };
         let (torques, balanced) = self.balance.update(&input).ok_or(Unfit::Balance)?;
