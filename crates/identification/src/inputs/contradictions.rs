@@ -1,5 +1,5 @@
-//! Channels that contradict one another: a reference that is late, drifts, saturates, changes its sign or
-//! is computed from what it shall judge; a current without its sign; a log that runs backwards.
+//! Channels that contradict one another: a reference that is late, drifts, saturates or is computed from
+//! what it shall judge; a log that runs backwards.
 //!
 //! Every claim needs two things: that the log cannot be explained without it (by samples that count as
 //! independent), and that it changes a torque by more than an ordinary joint's own effects do.
@@ -8,11 +8,12 @@ use super::LogKind;
 use super::copies;
 use super::probes::{BENT, DRIFT, Lag, Probed, Probes, SIGN, Side, TORQUE, Terms};
 use super::signals::Signals;
+use super::signs;
 use inspection::{Defect, Finding, Severity};
 use joint_file::JointFile;
 
 /// Logarithm of likelihoods, and share of the torque's deviation, from which a lag is named and refused.
-const UNLIKELY: f64 = 8.0;
+pub(super) const UNLIKELY: f64 = 8.0;
 const LATE_NAMED: f64 = 0.03;
 const LATE_REFUSED: f64 = 0.08;
 /// Difference of two lags, as a share, up to which they are one.
@@ -20,18 +21,37 @@ const SAME_LAG: f64 = 0.3;
 /// Smallest lag, s.
 const MIN_LAG_S: f64 = 0.003;
 /// Standard deviations of coefficients.
-const SIGNIFICANT: f64 = 4.0;
+pub(super) const SIGNIFICANT: f64 = 4.0;
 /// Drift of the reference over a log, as a share of its deviation.
 const DRIFT_NAMED: f64 = 0.1;
 /// Slope at the largest torque over that at none, less one, of a reference that saturates.
 const SATURATED: f64 = 0.6;
 /// Friction below zero, as a share of the rated torque, of a log that runs backwards.
 const BACKWARDS: f64 = 0.005;
-/// Parts of a log in which signs are looked at.
-const PARTS: usize = 10;
 
-/// Contradictions of a training log.
+/// Signs that change within a log, or are missing.
+pub(super) fn signs(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
+    let found = Probes::new(s, joint).map(|probes| signs::found(s, &probes, joint, kind));
+    weighed(found.unwrap_or_default(), kind)
+}
+
+/// Other contradictions of a log.
 pub(super) fn check(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
+    weighed(contradictions(s, joint, kind), kind)
+}
+
+/// Findings by what a log is used for: an estimate is wrong by a wrong current, not by the reference that it is compared
+/// with.
+fn weighed(mut found: Vec<Finding>, kind: LogKind) -> Vec<Finding> {
+    let compared = |f: &&mut Finding| kind == LogKind::Run && f.channel != kind.name("i");
+    found
+        .iter_mut()
+        .filter(compared)
+        .for_each(|f| f.severity = f.severity.min(Severity::Warning));
+    found
+}
+
+fn contradictions(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
     let Some(probes) = Probes::new(s, joint) else {
         return Vec::new();
     };
@@ -44,10 +64,6 @@ pub(super) fn check(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Findin
     let copied = copies::found(s, &judge.probes, joint, kind);
     if !copied.is_empty() {
         return copied;
-    }
-    let signs = judge.signs();
-    if !signs.is_empty() {
-        return signs;
     }
     let mut found: Vec<Finding> = judge.backwards().into_iter().collect();
     found.extend(judge.lag());
@@ -172,6 +188,7 @@ impl Judge<'_> {
         let terms = Terms {
             bent: true,
             drift: true,
+            lasting: false,
         };
         let bend = |side| {
             let probed = self.probes.probe(side, 0.0, terms)?;
@@ -208,6 +225,7 @@ impl Judge<'_> {
         let terms = Terms {
             bent: false,
             drift: true,
+            lasting: false,
         };
         let drift = |side| {
             let probed = self.probes.probe(side, 0.0, terms)?;
@@ -229,99 +247,4 @@ impl Judge<'_> {
             self.finding(Defect::Drifts, Severity::Refused, name, text, "a reference whose zero stays, or shorter logs, each with a zero of its own")
         })
     }
-
-    /// Signs that change within a log, and a current that has none.
-    fn signs(&self) -> Vec<Finding> {
-        let [_, _, _, torsion, motor, tau, _] = self.probes.signals();
-        let rows = self.probes.rows();
-        let all: Vec<[f64; 3]> = rows
-            .iter()
-            .map(|&k| [torsion[k], motor[k], tau[k]])
-            .collect();
-        let mut out = Vec::new();
-        let (least, most) = all
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
-        let sizes: Vec<f64> = all.iter().map(|r| r[1].abs()).collect();
-        let plain = correlation(
-            &all.iter().map(|r| r[1]).collect::<Vec<_>>(),
-            &all.iter().map(|r| r[2]).collect::<Vec<_>>(),
-        );
-        let of_sizes = correlation(&sizes, &all.iter().map(|r| r[2].abs()).collect::<Vec<_>>());
-        let both_signs = {
-            let positive = all.iter().filter(|r| r[2] > 0.0).count();
-            (0.1..0.9).contains(&(positive as f64 / all.len() as f64))
-        };
-        if both_signs
-            && (least > -0.05 * most || most < -0.05 * least)
-            && of_sizes > 0.5
-            && of_sizes > plain.abs() + 0.1
-        {
-            let name = self.kind.name("i");
-            let text = format!(
-                "{name} has no sign: it follows the torque's size (correlation {of_sizes:.2}), not the torque ({plain:.2})"
-            );
-            out.push(self.finding(
-                Defect::Sign,
-                Severity::Refused,
-                name,
-                text,
-                "the motor's measured current with its sign",
-            ));
-            return out;
-        }
-        let size = all.len() / PARTS;
-        let parts: Vec<&[[f64; 3]]> = all
-            .chunks(size.max(1))
-            .filter(|p| p.len() == size)
-            .collect();
-        let of = |column: usize| -> Vec<f64> {
-            parts
-                .iter()
-                .map(|p| {
-                    let x: Vec<f64> = p.iter().map(|r| r[column]).collect();
-                    let tau: Vec<f64> = p.iter().map(|r| r[2]).collect();
-                    correlation(&x, &tau)
-                })
-                .collect()
-        };
-        let (t, c) = (of(0), of(1));
-        let flips = |x: &[f64]| {
-            let (up, down) = (
-                x.iter().filter(|r| **r > 0.6).count(),
-                x.iter().filter(|r| **r < -0.6).count(),
-            );
-            up >= 2 && down >= 2
-        };
-        let name = match (flips(&t), flips(&c)) {
-            (true, true) => "tau_sensor",
-            (false, true) => "i",
-            _ => return out,
-        };
-        let first = if name == "i" { &c } else { &t };
-        let start = first.iter().copied().find(|r| r.abs() > 0.6).unwrap_or(1.0);
-        let part = first.iter().position(|r| r * start < -0.36).unwrap_or(0);
-        let row = rows[(part * size).min(rows.len() - 1)];
-        let name = self.kind.name(name);
-        let text = format!("the sign of {name} changes within the log");
-        let mut finding = self.finding(
-            Defect::Sign,
-            Severity::Refused,
-            name,
-            text,
-            "one sign throughout",
-        );
-        (finding.row, finding.t) = (Some(row), self.s.t[row]);
-        out.push(finding);
-        out
-    }
-}
-
-fn correlation(x: &[f64], y: &[f64]) -> f64 {
-    let n = x.len().max(1) as f64;
-    let (a, b) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
-    let dot = |f: &dyn Fn(usize) -> f64| (0..x.len()).map(f).sum::<f64>();
-    let xy = dot(&|k| (x[k] - a) * (y[k] - b));
-    let (xx, yy) = (dot(&|k| (x[k] - a).powi(2)), dot(&|k| (y[k] - b).powi(2)));
-    xy / (xx * yy).sqrt().max(1e-300)
 }

@@ -14,6 +14,9 @@ use joint_file::JointFile;
 /// Residual, as a share of the deviation, above which a reference is no function of torsion, of current. A joint's
 /// torque follows its current, the noise of its control included, but for friction.
 const MOST: [f64; 2] = [0.25, 0.04];
+/// The same as a share of what a function of the angles or speeds alone leaves, from which on it is the function itself:
+/// torque sensors err by some thousandths, a gear's hysteresis and friction by more.
+const EXACT: f64 = 0.005;
 /// Noise of the residual over that of the function.
 const WITHOUT_NOISE: f64 = 0.5;
 /// Correlation of a noise's neighbouring second differences, at most: that of white noise is -2/3.
@@ -59,8 +62,10 @@ pub(super) fn found(
         let Some(explained) = explained(from, &s.tau, extra) else {
             continue;
         };
-        let Explained { rest, noise } = explained;
-        if rest < most && noise < WITHOUT_NOISE && is_noise(&second(from)) {
+        let Explained { rest, own, noise } = explained;
+        // The coarse steps of an encoder are no noise by which a copy could be told.
+        let told = rest < EXACT * own || is_noise(&second(from));
+        if rest < most && noise < WITHOUT_NOISE && told {
             out.push(Finding {
                 defect: Defect::Computed,
                 severity: Severity::Refused,
@@ -86,6 +91,8 @@ pub(super) fn found(
 struct Explained {
     /// Residual over the deviation.
     rest: f64,
+    /// The same of the further terms alone.
+    own: f64,
     /// Second differences of the residual over those of the function, RMS.
     noise: f64,
 }
@@ -106,6 +113,7 @@ fn explained(from: &[f64], of: &[f64], extra: &dyn Fn(usize) -> Vec<f64>) -> Opt
         batch.add(&row(k), of[k]);
     }
     let fit = batch.solve(1e-12)?;
+    let without = batch.solve_columns(1e-12, |i| i >= TAPS.len() + LOW_PASSES.len())?;
     let function: Vec<f64> = rows
         .clone()
         .take(MAX_ROWS)
@@ -113,8 +121,10 @@ fn explained(from: &[f64], of: &[f64], extra: &dyn Fn(usize) -> Vec<f64>) -> Opt
         .collect();
     let residual: Vec<f64> = rows.zip(&function).map(|(k, y)| of[k] - y).collect();
     let size = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let share = |rms: f64| rms / deviation(of).max(f64::MIN_POSITIVE);
     Some(Explained {
-        rest: fit.rms / deviation(of).max(f64::MIN_POSITIVE),
+        rest: share(fit.rms),
+        own: share(without.rms),
         noise: size(&second(&residual)) / size(&second(&function)).max(f64::MIN_POSITIVE),
     })
 }
