@@ -15,7 +15,7 @@ const MIN_WRAPS: usize = 3;
 const MIN_ACROSS: usize = 2;
 /// Distance of values before and behind a wrap from the bounds, as a share of what is covered.
 const NEAR_BOUND: f64 = 0.15;
-/// Relative spread of the steps of an unknown range.
+/// Relative spread of nine of ten steps of an unknown range.
 const MAX_SPREAD: f64 = 0.05;
 
 /// What was unwrapped.
@@ -84,8 +84,8 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
         return None;
     }
     let middle = quantile(sizes.clone(), 0.5);
-    let spread = sizes.iter().map(|s| (s / middle - 1.0).abs());
-    (spread.fold(0.0, f64::max) < MAX_SPREAD + 2.0 * ordinary / middle).then(|| {
+    let spread = quantile(sizes.iter().map(|s| (s / middle - 1.0).abs()).collect(), 0.9);
+    (spread < MAX_SPREAD + 2.0 * ordinary / middle).then(|| {
         // The values end within one ordinary step of either bound.
         middle.max(covered)
     })

@@ -14,18 +14,22 @@ use joint_file::JointFile;
 
 /// Logarithm of likelihoods, and share of the torque's deviation, from which a lag is named and refused.
 pub(super) const UNLIKELY: f64 = 8.0;
-const LATE_NAMED: f64 = 0.03;
-const LATE_REFUSED: f64 = 0.08;
+pub(super) const LATE_NAMED: f64 = 0.03;
+pub(super) const LATE_REFUSED: f64 = 0.08;
 /// Difference of two lags, as a share, up to which they are one.
 const SAME_LAG: f64 = 0.3;
+/// Ratio of two lags, either way, up to which one filter makes both.
+const FILTERED: f64 = 2.5;
 /// Smallest lag, s.
-const MIN_LAG_S: f64 = 0.003;
+pub(super) const MIN_LAG_S: f64 = 0.003;
 /// Standard deviations of coefficients.
 pub(super) const SIGNIFICANT: f64 = 4.0;
 /// Drift of the reference over a log, as a share of its deviation.
 const DRIFT_NAMED: f64 = 0.1;
-/// Slope at the largest torque over that at none, less one, of a reference that saturates.
+/// Slope of the current at the largest torque over that at none, less one, of a reference that saturates; and of the
+/// torsion: gears stiffen under load (catalogues: up to twice), none softens.
 const SATURATED: f64 = 0.6;
+const SOFTENS: f64 = 0.2;
 /// Friction below zero, as a share of the rated torque, of a log that runs backwards.
 const BACKWARDS: f64 = 0.005;
 
@@ -122,7 +126,12 @@ impl Judge<'_> {
             let (least, most) = by_current.interval;
             low - margin < most && least < high + margin && by_torsion.late * by_current.late > 0.0
         };
-        let by_both = torsion.filter(|lag| agrees(lag));
+        // A filter is no delay: each side has a best time of its own then.
+        let alike = |by_torsion: &Lag| {
+            by_torsion.unlikely_without > UNLIKELY
+                && (1.0 / FILTERED..FILTERED).contains(&(by_torsion.late / by_current.late))
+        };
+        let by_both = torsion.filter(|lag| agrees(lag) || alike(lag));
         let (name, against, late, (low, high)) = match by_both {
             Some(lag) => (
                 "tau_sensor",
@@ -196,28 +205,26 @@ impl Judge<'_> {
                 (coefficient(&probed, TORQUE), coefficient(&probed, BENT));
             Some((3.0 * bent / slope.abs().max(1e-12), certain))
         };
-        let (torsion, current) = (bend(Side::Torsion)?, bend(Side::Current)?);
-        let both = [torsion, current];
-        if !both
-            .iter()
-            .all(|(bend, certain)| *bend > SATURATED && *certain > SIGNIFICANT)
-        {
+        let ((torsion, by_torsion), (current, by_current)) =
+            (bend(Side::Torsion)?, bend(Side::Current)?);
+        if current < SATURATED || by_current < SIGNIFICANT {
             return None;
         }
         let name = self.kind.name("tau_sensor");
-        let text = format!(
-            "{name} saturates: at {:.1} N·m torsion and current grow {:.1} and {:.1} times as fast with it as near zero",
-            self.probes.size(),
-            1.0 + torsion.0,
-            1.0 + current.0
-        );
-        Some(self.finding(
-            Defect::Saturated,
-            Severity::Refused,
-            name,
-            text,
-            "torques within the sensor's range",
-        ))
+        let at = format!("at {:.1} N·m", self.probes.size());
+        let as_fast = format!("{:.1} times as fast with it as near zero", 1.0 + current);
+        let cure = "torques within the sensor's range";
+        if torsion > SOFTENS && by_torsion > SIGNIFICANT {
+            let torsion = 1.0 + torsion;
+            let text = format!(
+                "{name} saturates: {at} the torsion grows {torsion:.1} times, the current {as_fast}"
+            );
+            return Some(self.finding(Defect::Saturated, Severity::Refused, name, text, cure));
+        }
+        // A gear that stiffens hides what the torsion would show.
+        let i = self.kind.name("i");
+        let text = format!("{name} saturates, or the motor does: {at} {i} grows {as_fast}");
+        Some(self.finding(Defect::Saturated, Severity::Warning, name, text, cure))
     }
 
     /// A zero that torsion and current see change alike.
@@ -236,7 +243,9 @@ impl Judge<'_> {
         let (torsion, current) = (drift(Side::Torsion)?, drift(Side::Current)?);
         let whole = self.probes.deviation();
         let alike = torsion.0 * current.0 > 0.0 && (0.4..2.5).contains(&(torsion.0 / current.0));
-        let certain = torsion.1 > SIGNIFICANT && current.1 > SIGNIFICANT;
+        // Each side shows it, and both together as certainly as one alone would have to.
+        let certain = torsion.1.min(current.1) > 0.5 * SIGNIFICANT
+            && torsion.1.hypot(current.1) > SIGNIFICANT * 2f64.sqrt();
         let size = 0.5 * (torsion.0 + current.0);
         (alike && certain && size.abs() > DRIFT_NAMED * whole).then(|| {
             let name = self.kind.name("tau_sensor");

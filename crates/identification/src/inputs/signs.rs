@@ -23,7 +23,7 @@ const FRICTION: f64 = 0.1;
 /// Largest current of the rarer sign, as a share of the largest, that a current without a sign shows: its noise.
 const OTHER_SIGN: f64 = 0.05;
 /// Rows of the rarer sign, as a share, from which a current that never shows it has lost it.
-const RARER: f64 = 0.03;
+const RARER: f64 = 0.005;
 const RIDGE: f64 = 1e-10;
 const TERMS: Terms = Terms {
     bent: false,
@@ -103,10 +103,10 @@ impl Parts {
         varies.then_some(Self { design, parts })
     }
 
-    /// Least squares with the torque's sign of each part.
+    /// Least squares with the torque's sign of each part; parts of sign 0 are left out.
     fn fit(&self, signs: &[f64]) -> Option<(Solution, f64)> {
         let mut all = Batch::new(self.design.rows[0].len());
-        for ((_, batch), sign) in self.parts.iter().zip(signs) {
+        for ((_, batch), sign) in self.parts.iter().zip(signs).filter(|(_, sign)| **sign != 0.0) {
             all.merge(batch, |column| if column == TORQUE { *sign } else { 1.0 });
         }
         let fit = all.solve(RIDGE)?;
@@ -115,7 +115,7 @@ impl Parts {
     }
 
     fn residual(&self, fit: &Solution, signs: &[f64]) -> Vec<f64> {
-        let all = self.parts.iter().zip(signs);
+        let all = self.parts.iter().zip(signs).filter(|(_, sign)| **sign != 0.0);
         let each = all.flat_map(|((rows, _), sign)| rows.clone().map(move |k| (k, *sign)));
         each.map(|(k, sign)| self.design.residual(fit, k, sign)).collect()
     }
@@ -153,20 +153,25 @@ impl Parts {
     /// The first row behind a change of the torque's sign.
     fn changes(&self, probes: &Probes) -> Option<usize> {
         let signs = self.signs()?;
-        let (fit, rest) = self.fit(&signs)?;
-        let residual = self.residual(&fit, &signs);
+        // A part in which the sign changes has both, and spoils what it is added to.
+        let whole = |part: usize| {
+            let around = signs[part.saturating_sub(1)..(part + 2).min(PARTS)].iter();
+            around.copied().all(|sign| sign == signs[part])
+        };
+        let of = |part: usize| if whole(part) { signs[part] } else { 0.0 };
+        let hypothesis: Vec<f64> = (0..PARTS).map(of).collect();
+        let (fit, rest) = self.fit(&hypothesis)?;
+        let residual = self.residual(&fit, &hypothesis);
         let independent = Probes::independent(&residual);
-        let without = self.fit(&[1.0; PARTS])?.1;
-        if likelier(without, rest, independent) < UNLIKELY {
+        let one_sign: Vec<f64> = hypothesis.iter().map(|sign| sign.abs()).collect();
+        if likelier(self.fit(&one_sign)?.1, rest, independent) < UNLIKELY {
             return None;
         }
         // Each sign has to show in its own rows alone, whatever their zero and friction are.
         let counted = independent / residual.len() as f64;
         let alone = |sign: f64| {
-            let mut all = Batch::new(self.design.rows[0].len());
-            let own = self.parts.iter().zip(&signs).filter(|(_, s)| **s == sign);
-            own.for_each(|((_, batch), _)| all.merge(batch, |_| 1.0));
-            all.solve(RIDGE).map(|fit| torque(&fit, counted))
+            let own: Vec<f64> = hypothesis.iter().map(|s| f64::from(*s == sign)).collect();
+            self.fit(&own).map(|(fit, _)| torque(&fit, counted))
         };
         let ((up, by_up), (down, by_down)) = (alone(1.0)?, alone(-1.0)?);
         let certain = by_up.abs().min(by_down.abs()) > SIGNIFICANT;
