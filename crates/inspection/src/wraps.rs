@@ -84,7 +84,10 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
         return None;
     }
     let middle = quantile(sizes.clone(), 0.5);
-    let spread = quantile(sizes.iter().map(|s| (s / middle - 1.0).abs()).collect(), 0.9);
+    let spread = quantile(
+        sizes.iter().map(|s| (s / middle - 1.0).abs()).collect(),
+        0.9,
+    );
     (spread < MAX_SPREAD + 2.0 * ordinary / middle).then(|| {
         // The values end within one ordinary step of either bound.
         middle.max(covered)

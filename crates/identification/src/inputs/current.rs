@@ -28,6 +28,7 @@ pub(super) fn unit(s: &Signals, joint: &JointFile, kind: LogKind) -> Option<Prob
         torque / limit,
         if in_thousandths { " (mA?)" } else { "" }
     );
-    let allowed = format!("A of the motor; at most {MAX_OVER_LIMIT} times the torque limit of {limit} N·m");
+    let allowed =
+        format!("A of the motor; at most {MAX_OVER_LIMIT} times the torque limit of {limit} N·m");
     Some(Problem::new(reason, allowed))
 }

@@ -91,7 +91,11 @@ pub(super) fn check(
         problems.push(diagnosis(s, joint, kind, &fit, found, most));
         return;
     }
-    if let Some(skew) = fit.as_ref().filter(|_| kind != LogKind::NoLoad).and_then(|fit| Skew::new(s, fit)) {
+    if let Some(skew) = fit
+        .as_ref()
+        .filter(|_| kind != LogKind::NoLoad)
+        .and_then(|fit| Skew::new(s, fit))
+    {
         let text = skew.text(kind);
         if skew.late.abs() > longest && skew.effect > LATE_REFUSED {
             let reason = format!("{text}, more than a joint file's skew of {MAX_SKEW} periods");
@@ -167,7 +171,11 @@ impl Skew {
         let rows = (0..s.q.len()).step_by(stride(s));
         let residual: Vec<f64> = rows
             .map(|i| {
-                let sum: f64 = row(s, load, i).iter().zip(fit.x.iter()).map(|(a, x)| a * x).sum();
+                let sum: f64 = row(s, load, i)
+                    .iter()
+                    .zip(fit.x.iter())
+                    .map(|(a, x)| a * x)
+                    .sum();
                 s.u[i] - s.u[0] - sum
             })
             .collect();

@@ -188,7 +188,11 @@ impl Probes {
             Side::Current => self.motor[k],
         };
         Design {
-            rows: self.rows.iter().map(|&k| self.row(side, k, shift, terms)).collect(),
+            rows: self
+                .rows
+                .iter()
+                .map(|&k| self.row(side, k, shift, terms))
+                .collect(),
             values: self.rows.iter().map(|&k| value(k)).collect(),
         }
     }

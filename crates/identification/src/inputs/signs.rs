@@ -32,7 +32,12 @@ const TERMS: Terms = Terms {
 };
 
 /// Changed and missing signs.
-pub(super) fn found(s: &Signals, probes: &Probes, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
+pub(super) fn found(
+    s: &Signals,
+    probes: &Probes,
+    joint: &JointFile,
+    kind: LogKind,
+) -> Vec<Finding> {
     let finding = |channel: &str, row: Option<usize>, text: String, cure: &str| Finding {
         defect: Defect::Sign,
         severity: Severity::Refused,
@@ -64,7 +69,12 @@ pub(super) fn found(s: &Signals, probes: &Probes, joint: &JointFile, kind: LogKi
         (None, false) => format!("{i} or {tau}"),
     };
     let text = format!("the sign of {name} changes within the log");
-    vec![finding(&name, Some(by_torsion.unwrap_or(row)), text, "one sign throughout")]
+    vec![finding(
+        &name,
+        Some(by_torsion.unwrap_or(row)),
+        text,
+        "one sign throughout",
+    )]
 }
 
 /// Coefficient of the torque over its standard deviation, by the share of samples that count.
@@ -106,7 +116,12 @@ impl Parts {
     /// Least squares with the torque's sign of each part; parts of sign 0 are left out.
     fn fit(&self, signs: &[f64]) -> Option<(Solution, f64)> {
         let mut all = Batch::new(self.design.rows[0].len());
-        for ((_, batch), sign) in self.parts.iter().zip(signs).filter(|(_, sign)| **sign != 0.0) {
+        for ((_, batch), sign) in self
+            .parts
+            .iter()
+            .zip(signs)
+            .filter(|(_, sign)| **sign != 0.0)
+        {
             all.merge(batch, |column| if column == TORQUE { *sign } else { 1.0 });
         }
         let fit = all.solve(RIDGE)?;
@@ -115,15 +130,22 @@ impl Parts {
     }
 
     fn residual(&self, fit: &Solution, signs: &[f64]) -> Vec<f64> {
-        let all = self.parts.iter().zip(signs).filter(|(_, sign)| **sign != 0.0);
+        let all = self
+            .parts
+            .iter()
+            .zip(signs)
+            .filter(|(_, sign)| **sign != 0.0);
         let each = all.flat_map(|((rows, _), sign)| rows.clone().map(move |k| (k, *sign)));
-        each.map(|(k, sign)| self.design.residual(fit, k, sign)).collect()
+        each.map(|(k, sign)| self.design.residual(fit, k, sign))
+            .collect()
     }
 
     /// Signs of the parts that fit best: of one change, then part by part.
     fn signs(&self) -> Option<Vec<f64>> {
         let one_change = |at: usize| -> Vec<f64> {
-            (0..PARTS).map(|part| if part < at { 1.0 } else { -1.0 }).collect()
+            (0..PARTS)
+                .map(|part| if part < at { 1.0 } else { -1.0 })
+                .collect()
         };
         let mut best = (f64::INFINITY, Vec::new());
         for at in 1..=PARTS {
@@ -186,7 +208,8 @@ impl Parts {
         let mut gain = 0.0;
         let mut best = (0.0, around.start);
         for k in around {
-            let [own, other] = [1.0, -1.0].map(|s| self.design.residual(fit, k, s * signs[part - 1]).powi(2));
+            let [own, other] =
+                [1.0, -1.0].map(|s| self.design.residual(fit, k, s * signs[part - 1]).powi(2));
             gain += own - other;
             if gain < best.0 {
                 best = (gain, k + 1);
@@ -211,7 +234,8 @@ fn unsigned(probes: &Probes, joint: &JointFile) -> Option<f64> {
     let design = probes.design(Side::Current, 0.0, TERMS);
     let mut sorted = design.values.clone();
     sorted.sort_by(f64::total_cmp);
-    let [low, high] = [0.01, 0.99].map(|share| sorted[((sorted.len() - 1) as f64 * share) as usize]);
+    let [low, high] =
+        [0.01, 0.99].map(|share| sorted[((sorted.len() - 1) as f64 * share) as usize]);
     if low.min(-high).abs() == 0.0 || (low < -OTHER_SIGN * high && high > -OTHER_SIGN * low) {
         return None;
     }
@@ -233,8 +257,12 @@ fn unsigned(probes: &Probes, joint: &JointFile) -> Option<f64> {
         fit = Some(next);
     }
     let fit = fit?;
-    let with: Vec<f64> = (design.rows.iter().zip(&sized)).map(|(row, size)| size - dot(&x, row).abs()).collect();
-    let without: Vec<f64> = (0..sized.len()).map(|k| design.residual(&signed, k, 1.0)).collect();
+    let with: Vec<f64> = (design.rows.iter().zip(&sized))
+        .map(|(row, size)| size - dot(&x, row).abs())
+        .collect();
+    let without: Vec<f64> = (0..sized.len())
+        .map(|k| design.residual(&signed, k, 1.0))
+        .collect();
     let negative = design.rows.iter().filter(|row| dot(&x, row) < 0.0).count();
     let share = negative as f64 / sized.len() as f64;
     let independent = Probes::independent(&with);
