@@ -334,7 +334,8 @@ fn a_current_in_ma_is_refused_without_a_reference() {
 fn a_changed_sign_is_placed() {
     let behind = TRAIN.len() / 3;
     let at = TRAIN[behind].t;
-    let turned: [(&str, fn(&mut LogRow)); 2] = [
+    type Turn = (&'static str, fn(&mut LogRow));
+    let turned: [Turn; 2] = [
         ("i", |r| r.current = -r.current),
         ("tau_sensor", |r| r.tau_sensor = -r.tau_sensor),
     ];
