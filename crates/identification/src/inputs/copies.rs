@@ -21,6 +21,8 @@ const EXACT: f64 = 0.005;
 const WITHOUT_NOISE: f64 = 0.5;
 /// Correlation of a noise's neighbouring second differences, at most: that of white noise is -2/3.
 const NOISY: f64 = -0.35;
+/// The same at most of an encoder's steps; a motion without noise has nearly 1.
+const ROUGH: f64 = 0.5;
 /// Rows at both ends that taps reach beyond.
 const MARGIN: usize = 8;
 /// Rows that are looked at, at most.
@@ -63,8 +65,9 @@ pub(super) fn found(
             continue;
         };
         let Explained { rest, own, noise } = explained;
-        // The coarse steps of an encoder are no noise by which a copy could be told.
-        let told = rest < EXACT * own || is_noise(&second(from));
+        // The coarse steps of an encoder are no noise, but no motion either.
+        let alike = alike(&second(from));
+        let told = alike < NOISY || (alike < ROUGH && rest < EXACT * own);
         if rest < most && noise < WITHOUT_NOISE && told {
             out.push(Finding {
                 defect: Defect::Computed,
@@ -138,8 +141,8 @@ fn second(x: &[f64]) -> Vec<f64> {
     all.into_iter().map(|x| x.clamp(-most, most)).collect()
 }
 
-/// Second differences of noise: neighbours are opposite, where those of a motion are alike.
-fn is_noise(second: &[f64]) -> bool {
+/// Correlation of neighbouring second differences: those of noise are opposite, those of a motion alike.
+fn alike(second: &[f64]) -> f64 {
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
-    dot(second, second.get(1..).unwrap_or_default()) < NOISY * dot(second, second)
+    dot(second, second.get(1..).unwrap_or_default()) / dot(second, second).max(f64::MIN_POSITIVE)
 }
