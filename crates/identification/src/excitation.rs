@@ -103,8 +103,8 @@ pub struct Excitation {
 
 /// Widening of the priors for the constants whose residual is the noise.
 const WIDENING: f64 = 300.0;
-/// The same of what is not asked for, such as the kinematic error: over a small angle a sum of large ones would be any
-/// torque. Ten times an encoder mounted off centre.
+/// Widening of the priors of what is not asked for, such as the kinematic error: over a small angle a sum of large ones
+/// would be any torque. Twenty times is ten times an encoder mounted off centre.
 const WIDENING_OF_OTHERS: f64 = 20.0;
 /// Regularisation of scaled normal equations.
 const RIDGE: f64 = 1e-12;

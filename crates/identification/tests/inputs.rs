@@ -325,8 +325,8 @@ fn a_current_in_ma_is_refused_without_a_reference() {
         inspect(&bench::joint(), &rows, LogKind::Run)
     };
     run(1.0).unwrap();
-    refused("i in mA", run(1e3), "unit of `i` (mA?)");
-    refused("i in uA", run(1e6), "unit of `i`, or of");
+    refused("i in mA", run(1e3), "is `i` in mA?");
+    refused("i in uA", run(1e7), "unit of `i`");
 }
 
 /// Which channel changes its sign, and when: the torsion tells the current from the reference.

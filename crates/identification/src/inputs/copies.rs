@@ -14,14 +14,14 @@ use joint_file::JointFile;
 /// Residual, as a share of the deviation, above which a reference is no function of torsion, of current. A joint's
 /// torque follows its current, the noise of its control included, but for friction.
 const MOST: [f64; 2] = [0.25, 0.04];
-/// The same as a share of what a function of the angles or speeds alone leaves, from which on it is the function itself:
-/// torque sensors err by some thousandths, a gear's hysteresis and friction by more.
+/// Residual over that of a function of angles or speeds alone, below which a reference is a function of torsion or
+/// current itself: torque sensors err by some thousandths, a gear's hysteresis and friction by more.
 const EXACT: f64 = 0.005;
 /// Noise of the residual over that of the function.
 const WITHOUT_NOISE: f64 = 0.5;
 /// Correlation of a noise's neighbouring second differences, at most: that of white noise is -2/3.
 const NOISY: f64 = -0.35;
-/// The same at most of an encoder's steps; a motion without noise has nearly 1.
+/// That correlation of an encoder's steps, at most; a motion without noise has nearly 1.
 const ROUGH: f64 = 0.5;
 /// Rows at both ends that taps reach beyond.
 const MARGIN: usize = 8;
@@ -94,7 +94,7 @@ pub(super) fn found(
 struct Explained {
     /// Residual over the deviation.
     rest: f64,
-    /// The same of the further terms alone.
+    /// Residual of the further terms alone, over the deviation.
     own: f64,
     /// Second differences of the residual over those of the function, RMS.
     noise: f64,

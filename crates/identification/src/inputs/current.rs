@@ -5,10 +5,11 @@ use super::signals::{Signals, span};
 use joint_file::JointFile;
 use problem::Problem;
 
-/// Torque of the current, by gear ratio and torque constant, over the joint's torque limit: no motor reaches it. Motors
-/// are built for some times the gear's torque, friction and rotor included; a thousandth in the unit is a thousand times.
+/// Torque of the current, by gear ratio and torque constant, over the joint's torque limit, that no motor reaches.
+/// Motors are built for some times the gear's torque, friction and rotor included. Currents in mA of a joint loaded to a
+/// tenth show a hundred times.
 const MAX_OVER_LIMIT: f64 = 20.0;
-/// The same over the limit's, from which thousandths of an ampere explain it.
+/// Multiple of that bound up to which thousandths of an ampere explain it.
 const THOUSANDTHS: f64 = 1000.0;
 
 /// A current that would be more than any motor of the joint can give.
@@ -20,13 +21,16 @@ pub(super) fn unit(s: &Signals, joint: &JointFile, kind: LogKind) -> Option<Prob
         return None;
     }
     let name = kind.name("i");
-    let in_thousandths = torque < MAX_OVER_LIMIT * limit * THOUSANDTHS;
+    let thousandths = if torque < MAX_OVER_LIMIT * limit * THOUSANDTHS {
+        format!("; is {name} in mA?")
+    } else {
+        String::new()
+    };
     let reason = format!(
         "{name} varies by ±{:.4} A, which by gear ratio and `torque_constant_Nm_per_A` are ±{torque:.0} N·m, {:.0} times \
-         the joint's torque limit: unit of {name}{}, or of `torque_constant_Nm_per_A`",
+         the joint's torque limit: unit of {name}, or of `torque_constant_Nm_per_A`{thousandths}",
         0.5 * span(&s.current),
         torque / limit,
-        if in_thousandths { " (mA?)" } else { "" }
     );
     let allowed =
         format!("A of the motor; at most {MAX_OVER_LIMIT} times the torque limit of {limit} N·m");

@@ -27,9 +27,9 @@ const MAX_SLOPE_ERROR: f64 = 0.002;
 const MAX_SLOPE_TORSION: f64 = 0.0012;
 /// Step of the torsion from one row to the next that is no load, rad.
 const MAX_TORSION_STEP: f64 = 0.015;
-/// The same over what 99 of 100 steps stay below.
+/// Multiple of the torsion's ordinary steps (99 of 100 are smaller) from which on one is a change of the zero.
 const MIN_STEP: f64 = 3.0;
-/// What cures a lag.
+/// Cure of a lag.
 const LATE_CURE: &str =
     "channels of one instant; `delay_ms` in the map of `torquectl import` shifts one";
 /// Share of the rows in motion at which an encoder may repeat its number.
@@ -91,10 +91,12 @@ pub(super) fn check(
         problems.push(diagnosis(s, joint, kind, &fit, found, most));
         return;
     }
+    // A joint that was fitted has its skew taken out.
+    let known = joint.encoders.as_ref().map_or(0.0, |e| e.skew);
     if let Some(skew) = fit
         .as_ref()
         .filter(|_| kind != LogKind::NoLoad)
-        .and_then(|fit| Skew::new(s, fit))
+        .and_then(|fit| Skew::new(s, fit, known))
     {
         let text = skew.text(kind);
         if skew.late.abs() > longest && skew.effect > LATE_REFUSED {
@@ -165,8 +167,8 @@ struct Skew {
 }
 
 impl Skew {
-    /// A skew that is certain and that a torque shows.
-    fn new(s: &Signals, fit: &Solution) -> Option<Self> {
+    /// A skew beyond the known one, s, that is certain and that a torque shows.
+    fn new(s: &Signals, fit: &Solution, known: f64) -> Option<Self> {
         let load = load(s);
         let rows = (0..s.q.len()).step_by(stride(s));
         let residual: Vec<f64> = rows
@@ -181,7 +183,7 @@ impl Skew {
             .collect();
         let counted = Probes::independent(&residual) / residual.len() as f64;
         let sigma = fit.sigma[1] / counted.sqrt();
-        let late = fit.x[1];
+        let late = fit.x[1] - known;
         let skew = Self {
             late,
             within: 2.0 * sigma,

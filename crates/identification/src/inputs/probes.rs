@@ -37,7 +37,7 @@ pub(super) struct Terms {
     pub(super) bent: bool,
     /// Zero that changes with time: line and parabola.
     pub(super) drift: bool,
-    /// What the joint remembers of the way before: hysteresis of the gear, friction before it slides.
+    /// Memory of the way before: hysteresis of the gear, friction before it slides.
     pub(super) lasting: bool,
 }
 
@@ -72,7 +72,7 @@ pub(super) struct Probes {
 pub(super) struct Design {
     /// Coefficients of each row.
     pub(super) rows: Vec<Vec<f64>>,
-    /// What they add up to.
+    /// Their sums.
     pub(super) values: Vec<f64>,
 }
 
