@@ -103,6 +103,9 @@ pub struct Excitation {
 
 /// Widening of the priors for the constants whose residual is the noise.
 const WIDENING: f64 = 300.0;
+/// Widening of the priors of what is not asked for, such as the kinematic error: over a small angle a sum of large ones
+/// would be any torque. Twenty times is ten times an encoder mounted off centre.
+const WIDENING_OF_OTHERS: f64 = 20.0;
 /// Regularisation of scaled normal equations.
 const RIDGE: f64 = 1e-12;
 /// Samples used at most.
@@ -374,20 +377,37 @@ fn determinations(
     let equations = Equations::new(data, priors.len());
     let square = data.iter().map(|(_, b)| b * b).sum::<f64>() / data.len().max(1) as f64;
     // Noise is what the best constants leave, also where those contradict the priors.
-    let free = equations.solve(1.0 / square.max(1e-30), priors, WIDENING);
+    let named: Vec<Quantity> = named.collect();
+    let wide: Vec<Known> = (priors.iter().enumerate())
+        .map(|(i, prior)| {
+            let widening = if i < named.len() {
+                WIDENING
+            } else {
+                WIDENING_OF_OTHERS
+            };
+            Known {
+                sigma: widening * prior.sigma,
+                ..*prior
+            }
+        })
+        .collect();
+    let free = equations.solve(1.0 / square.max(1e-30), &wide);
     let residual = |(row, b): &(Vec<f64>, f64)| {
         b - row.iter().zip(&free).map(|(a, k)| a * k.value).sum::<f64>()
     };
     let residuals: Vec<f64> = data.iter().map(residual).collect();
     let variance = residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len().max(1) as f64;
     let weight = 1.0 / (variance * correlation(&residuals)).max(1e-30);
-    let [posterior, measured] = [1.0, WIDENING].map(|w| equations.solve(weight, priors, w));
-    let constants = named.enumerate().map(|(i, quantity)| Determination {
-        quantity,
-        prior: priors[i],
-        posterior: posterior[i],
-        measured: measured[i],
-    });
+    let [posterior, measured] = [priors, &wide].map(|priors| equations.solve(weight, priors));
+    let constants = named
+        .into_iter()
+        .enumerate()
+        .map(|(i, quantity)| Determination {
+            quantity,
+            prior: priors[i],
+            posterior: posterior[i],
+            measured: measured[i],
+        });
     Probe {
         constants: constants.collect(),
         condition: condition(&equations.gram),
@@ -413,12 +433,12 @@ impl Equations {
         Self { gram, moment }
     }
 
-    /// Every coefficient, each row weighted by `per_row`, under priors widened by a factor.
-    fn solve(&self, per_row: f64, priors: &[Known], widening: f64) -> Vec<Known> {
+    /// Every coefficient, each row weighted by `per_row`, under priors.
+    fn solve(&self, per_row: f64, priors: &[Known]) -> Vec<Known> {
         let n = priors.len();
         let (mut h, mut g) = (&self.gram * per_row, &self.moment * per_row);
         for (i, prior) in priors.iter().enumerate() {
-            let weight = (widening * prior.sigma).powi(-2);
+            let weight = prior.sigma.powi(-2);
             h[(i, i)] += weight;
             g[i] += weight * prior.value;
         }

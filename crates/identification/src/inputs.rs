@@ -8,11 +8,13 @@
 
 mod contradictions;
 mod copies;
+mod current;
 mod encoders;
 mod mend;
 mod probes;
 mod reference;
 mod signals;
+mod signs;
 mod stamps;
 mod zero;
 
@@ -132,12 +134,21 @@ pub fn inspect_rows(
     }
     let signals = Signals::new(joint, rows);
     encoders::check(&signals, joint, kind, &mut problems, &mut notes);
+    if kind != LogKind::NoLoad {
+        problems.extend(current::unit(&signals, joint, kind));
+    }
     match kind {
         LogKind::NoLoad => reference::check_unloaded(&signals, joint, &mut problems),
         LogKind::Run => zero::check(&signals, joint, &mut problems),
         LogKind::Training | LogKind::Recorded | LogKind::Current => {
             reference::check(&signals, joint, kind, &mut problems, &mut notes);
         }
+    }
+    let compared = kind != LogKind::NoLoad && rows.iter().all(|row| row.tau_sensor.is_finite());
+    // Signs that change would pass for units otherwise.
+    if problems.is_empty() && compared {
+        let found = contradictions::signs(&signals, joint, kind);
+        sort(found, &mut problems, &mut notes);
     }
     // Of a long log only one of both is in memory.
     drop(signals);
@@ -154,17 +165,9 @@ pub fn inspect_rows(
         excitation = Some(found);
     }
     // Last: channels in other units and directions contradict one another anyhow.
-    let compared = kind != LogKind::NoLoad && rows.iter().all(|row| row.tau_sensor.is_finite());
     if problems.is_empty() && compared {
         let signals = Signals::new(joint, rows);
-        let mut found = contradictions::check(&signals, joint, kind);
-        if kind == LogKind::Run {
-            // What is wrong with a reference alone does not make an estimate wrong.
-            let most = |f: &mut inspection::Finding| {
-                f.severity = f.severity.min(inspection::Severity::Warning)
-            };
-            found.iter_mut().for_each(most);
-        }
+        let found = contradictions::check(&signals, joint, kind);
         sort(found, &mut problems, &mut notes);
     }
     if !problems.is_empty() {

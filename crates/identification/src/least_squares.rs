@@ -51,6 +51,19 @@ impl Batch {
         self.rows += 1.0;
     }
 
+    /// Takes the rows of another batch, each column times a factor of its own.
+    pub fn merge(&mut self, other: &Self, factor: impl Fn(usize) -> f64) {
+        let n = self.moment.len();
+        for j in 0..n {
+            for i in 0..=j {
+                self.gram[(i, j)] += factor(i) * factor(j) * other.gram[(i, j)];
+            }
+            self.moment[j] += factor(j) * other.moment[j];
+        }
+        self.square += other.square;
+        self.rows += other.rows;
+    }
+
     /// Rows taken.
     #[must_use]
     pub fn rows(&self) -> usize {

@@ -316,3 +316,61 @@ fn a_log_without_motion_does_not_determine_the_skew() {
         "{lines}"
     );
 }
+
+/// A current in another unit shows by its size, also where no torque is known.
+#[test]
+fn a_current_in_ma_is_refused_without_a_reference() {
+    let run = |factor: f64| {
+        let rows = changed(|r| (r.current, r.tau_sensor) = (factor * r.current, f64::NAN));
+        inspect(&bench::joint(), &rows, LogKind::Run)
+    };
+    run(1.0).unwrap();
+    refused("i in mA", run(1e3), "is `i` in mA?");
+    refused("i in uA", run(1e7), "unit of `i`");
+}
+
+/// Which channel changes its sign, and when: the torsion tells the current from the reference.
+#[test]
+fn a_changed_sign_is_placed() {
+    let behind = TRAIN.len() / 3;
+    let at = TRAIN[behind].t;
+    type Turn = (&'static str, fn(&mut LogRow));
+    let turned: [Turn; 2] = [
+        ("i", |r| r.current = -r.current),
+        ("tau_sensor", |r| r.tau_sensor = -r.tau_sensor),
+    ];
+    for (name, turn) in turned {
+        let rows = placed(|k, r| {
+            if k >= behind {
+                turn(r);
+            }
+        });
+        let text = training(&rows).unwrap_err().to_string();
+        let expected = format!("the sign of `{name}` changes within the log (t = ");
+        let (_, rest) = text
+            .split_once(&expected)
+            .unwrap_or_else(|| panic!("{name}: {text}"));
+        let said: f64 = rest.split_once(' ').unwrap().0.parse().unwrap();
+        assert!((said - at).abs() < 0.2, "{name}: {said} for {at}");
+    }
+}
+
+/// A current that lost its sign spoils an estimate too; a reference that did not keep its own does not.
+#[test]
+fn a_current_without_its_sign_is_refused_in_every_log() {
+    for kind in [LogKind::Training, LogKind::Current, LogKind::Run] {
+        let inspected = |rows: &[LogRow]| inspect(&bench::joint(), rows, kind);
+        inspected(&TRAIN).unwrap();
+        let sizes = changed(|r| r.current = r.current.abs());
+        refused(&format!("{kind:?}"), inspected(&sizes), "`i` has no sign");
+    }
+    let half = TRAIN.len() / 2;
+    let rows = placed(|k, r| {
+        if k >= half {
+            r.tau_sensor = -r.tau_sensor;
+        }
+    });
+    let notes = inspect(&bench::joint(), &rows, LogKind::Run).unwrap().notes;
+    let said = "the sign of `tau_sensor` changes within the log";
+    assert!(notes.iter().any(|note| note.contains(said)), "{notes:?}");
+}

@@ -11,9 +11,11 @@ use crate::statistics::{quantile, steps};
 const MAX_DISTANCE: f64 = 0.25;
 /// Fewest wraps from which an unknown range is concluded: two could be two spikes.
 const MIN_WRAPS: usize = 3;
+/// Fewest times that values pass from one end to the other and stay there: out and home.
+const MIN_ACROSS: usize = 2;
 /// Distance of values before and behind a wrap from the bounds, as a share of what is covered.
 const NEAR_BOUND: f64 = 0.15;
-/// Relative spread of the steps of an unknown range.
+/// Relative spread of nine of ten steps of an unknown range.
 const MAX_SPREAD: f64 = 0.05;
 
 /// What was unwrapped.
@@ -59,14 +61,18 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
     let ordinary = quantile(steps(values), 0.9);
     let mut sizes = Vec::new();
     let mut at_bounds = 0;
-    // Steps that the next sample takes back: spikes to one value look like wraps otherwise.
-    let (mut taken_back, mut last) = (0, None);
+    // Noise at a bound takes a wrap back and repeats it, so that an odd number of steps in a row leads across. A spike
+    // to one value looks like wraps otherwise, but its steps are even in number.
+    let (mut across, mut last): (usize, Option<(usize, bool)>) = (0, None);
     for (row, w) in values.windows(2).enumerate() {
         let step = (w[1] - w[0]).abs();
         if step > 0.6 * covered && step > 10.0 * ordinary {
-            let returns = last.is_some_and(|(at, up)| at + 1 == row && up != (w[1] > w[0]));
-            taken_back += usize::from(returns);
-            last = Some((row, w[1] > w[0]));
+            let odd = match last {
+                Some((at, odd)) if at + 1 == row => !odd,
+                _ => true,
+            };
+            across = if odd { across + 1 } else { across - 1 };
+            last = Some((row, odd));
             sizes.push(step);
             // A wrap leads from one bound to the other; a spike begins anywhere.
             let (least, most) = (w[0].min(w[1]), w[0].max(w[1]));
@@ -74,13 +80,15 @@ pub fn range_of_wraps(values: &[f64]) -> Option<f64> {
             at_bounds += usize::from(least < low + near && most > high - near);
         }
     }
-    let spikes = 2 * taken_back >= sizes.len();
-    if sizes.len() < MIN_WRAPS || at_bounds * 10 < 9 * sizes.len() || spikes {
+    if sizes.len() < MIN_WRAPS || at_bounds * 10 < 9 * sizes.len() || across < MIN_ACROSS {
         return None;
     }
     let middle = quantile(sizes.clone(), 0.5);
-    let spread = sizes.iter().map(|s| (s / middle - 1.0).abs());
-    (spread.fold(0.0, f64::max) < MAX_SPREAD + 2.0 * ordinary / middle).then(|| {
+    let spread = quantile(
+        sizes.iter().map(|s| (s / middle - 1.0).abs()).collect(),
+        0.9,
+    );
+    (spread < MAX_SPREAD + 2.0 * ordinary / middle).then(|| {
         // The values end within one ordinary step of either bound.
         middle.max(covered)
     })

@@ -126,6 +126,27 @@ fn a_range_that_nobody_named_is_found() {
     }
 }
 
+/// Noise at a bound takes wraps back and repeats them; spikes to one value do so too, but nothing stays across.
+#[test]
+fn noise_at_a_bound_hides_no_wraps() {
+    for seed in 0..100 {
+        let mut random = Random::new(seed);
+        let (range, pace) = (47.2, 0.015 * (0.8 + 0.4 * random.unit()));
+        let whole: Vec<f64> = (0..ROWS)
+            .map(|k| 30.0 * (pace * k as f64).sin() + 0.6 * random.normal())
+            .collect();
+        let wrapped: Vec<f64> = whole
+            .iter()
+            .map(|x| x - range * (x / range).round())
+            .collect();
+        let found = range_of_wraps(&wrapped).unwrap_or(0.0);
+        assert!((found / range - 1.0).abs() < 0.04, "seed {seed}: {found}");
+        let mut spiked: Vec<f64> = (0..ROWS).map(|_| 0.2 * random.normal()).collect();
+        (0..6).for_each(|k| spiked[100 + 200 * k + random.below(150)] = -30.0);
+        assert_eq!(range_of_wraps(&spiked), None, "seed {seed}");
+    }
+}
+
 #[test]
 fn bad_samples_cost_as_many_samples() {
     for seed in 0..200 {

@@ -1,5 +1,5 @@
-//! Channels that contradict one another: a reference that is late, drifts, saturates, changes its sign or
-//! is computed from what it shall judge; a current without its sign; a log that runs backwards.
+//! Channels that contradict one another: a reference that is late, drifts, saturates or is computed from
+//! what it shall judge; a log that runs backwards.
 //!
 //! Every claim needs two things: that the log cannot be explained without it (by samples that count as
 //! independent), and that it changes a torque by more than an ordinary joint's own effects do.
@@ -8,30 +8,54 @@ use super::LogKind;
 use super::copies;
 use super::probes::{BENT, DRIFT, Lag, Probed, Probes, SIGN, Side, TORQUE, Terms};
 use super::signals::Signals;
+use super::signs;
 use inspection::{Defect, Finding, Severity};
 use joint_file::JointFile;
 
 /// Logarithm of likelihoods, and share of the torque's deviation, from which a lag is named and refused.
-const UNLIKELY: f64 = 8.0;
-const LATE_NAMED: f64 = 0.03;
-const LATE_REFUSED: f64 = 0.08;
+pub(super) const UNLIKELY: f64 = 8.0;
+pub(super) const LATE_NAMED: f64 = 0.03;
+pub(super) const LATE_REFUSED: f64 = 0.08;
 /// Difference of two lags, as a share, up to which they are one.
 const SAME_LAG: f64 = 0.3;
+/// Ratio of two lags, either way, up to which one filter makes both.
+const FILTERED: f64 = 2.5;
 /// Smallest lag, s.
-const MIN_LAG_S: f64 = 0.003;
+pub(super) const MIN_LAG_S: f64 = 0.003;
 /// Standard deviations of coefficients.
-const SIGNIFICANT: f64 = 4.0;
+pub(super) const SIGNIFICANT: f64 = 4.0;
 /// Drift of the reference over a log, as a share of its deviation.
 const DRIFT_NAMED: f64 = 0.1;
-/// Slope at the largest torque over that at none, less one, of a reference that saturates.
+/// Slope of the current at the largest torque over that at none, less one, of a reference that saturates; and of the
+/// torsion: gears stiffen under load (catalogues: up to twice), none softens.
 const SATURATED: f64 = 0.6;
+const SOFTENS: f64 = 0.2;
 /// Friction below zero, as a share of the rated torque, of a log that runs backwards.
 const BACKWARDS: f64 = 0.005;
-/// Parts of a log in which signs are looked at.
-const PARTS: usize = 10;
 
-/// Contradictions of a training log.
+/// Signs that change within a log, or are missing.
+pub(super) fn signs(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
+    let found = Probes::new(s, joint).map(|probes| signs::found(s, &probes, joint, kind));
+    weighed(found.unwrap_or_default(), kind)
+}
+
+/// Other contradictions of a log.
 pub(super) fn check(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
+    weighed(contradictions(s, joint, kind), kind)
+}
+
+/// Findings by what a log is used for: an estimate is wrong by a wrong current, not by the reference that it is compared
+/// with.
+fn weighed(mut found: Vec<Finding>, kind: LogKind) -> Vec<Finding> {
+    let compared = |f: &&mut Finding| kind == LogKind::Run && f.channel != kind.name("i");
+    found
+        .iter_mut()
+        .filter(compared)
+        .for_each(|f| f.severity = f.severity.min(Severity::Warning));
+    found
+}
+
+fn contradictions(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Finding> {
     let Some(probes) = Probes::new(s, joint) else {
         return Vec::new();
     };
@@ -44,10 +68,6 @@ pub(super) fn check(s: &Signals, joint: &JointFile, kind: LogKind) -> Vec<Findin
     let copied = copies::found(s, &judge.probes, joint, kind);
     if !copied.is_empty() {
         return copied;
-    }
-    let signs = judge.signs();
-    if !signs.is_empty() {
-        return signs;
     }
     let mut found: Vec<Finding> = judge.backwards().into_iter().collect();
     found.extend(judge.lag());
@@ -106,7 +126,12 @@ impl Judge<'_> {
             let (least, most) = by_current.interval;
             low - margin < most && least < high + margin && by_torsion.late * by_current.late > 0.0
         };
-        let by_both = torsion.filter(|lag| agrees(lag));
+        // A filter is no delay: each side has a best time of its own then.
+        let alike = |by_torsion: &Lag| {
+            by_torsion.unlikely_without > UNLIKELY
+                && (1.0 / FILTERED..FILTERED).contains(&(by_torsion.late / by_current.late))
+        };
+        let by_both = torsion.filter(|lag| agrees(lag) || alike(lag));
         let (name, against, late, (low, high)) = match by_both {
             Some(lag) => (
                 "tau_sensor",
@@ -172,6 +197,7 @@ impl Judge<'_> {
         let terms = Terms {
             bent: true,
             drift: true,
+            lasting: false,
         };
         let bend = |side| {
             let probed = self.probes.probe(side, 0.0, terms)?;
@@ -179,28 +205,26 @@ impl Judge<'_> {
                 (coefficient(&probed, TORQUE), coefficient(&probed, BENT));
             Some((3.0 * bent / slope.abs().max(1e-12), certain))
         };
-        let (torsion, current) = (bend(Side::Torsion)?, bend(Side::Current)?);
-        let both = [torsion, current];
-        if !both
-            .iter()
-            .all(|(bend, certain)| *bend > SATURATED && *certain > SIGNIFICANT)
-        {
+        let ((torsion, by_torsion), (current, by_current)) =
+            (bend(Side::Torsion)?, bend(Side::Current)?);
+        if current < SATURATED || by_current < SIGNIFICANT {
             return None;
         }
         let name = self.kind.name("tau_sensor");
-        let text = format!(
-            "{name} saturates: at {:.1} N·m torsion and current grow {:.1} and {:.1} times as fast with it as near zero",
-            self.probes.size(),
-            1.0 + torsion.0,
-            1.0 + current.0
-        );
-        Some(self.finding(
-            Defect::Saturated,
-            Severity::Refused,
-            name,
-            text,
-            "torques within the sensor's range",
-        ))
+        let at = format!("at {:.1} N·m", self.probes.size());
+        let as_fast = format!("{:.1} times as fast with it as near zero", 1.0 + current);
+        let cure = "torques within the sensor's range";
+        if torsion > SOFTENS && by_torsion > SIGNIFICANT {
+            let torsion = 1.0 + torsion;
+            let text = format!(
+                "{name} saturates: {at} the torsion grows {torsion:.1} times, the current {as_fast}"
+            );
+            return Some(self.finding(Defect::Saturated, Severity::Refused, name, text, cure));
+        }
+        // A gear that stiffens hides what the torsion would show.
+        let i = self.kind.name("i");
+        let text = format!("{name} saturates, or the motor does: {at} {i} grows {as_fast}");
+        Some(self.finding(Defect::Saturated, Severity::Warning, name, text, cure))
     }
 
     /// A zero that torsion and current see change alike.
@@ -208,6 +232,7 @@ impl Judge<'_> {
         let terms = Terms {
             bent: false,
             drift: true,
+            lasting: false,
         };
         let drift = |side| {
             let probed = self.probes.probe(side, 0.0, terms)?;
@@ -218,7 +243,9 @@ impl Judge<'_> {
         let (torsion, current) = (drift(Side::Torsion)?, drift(Side::Current)?);
         let whole = self.probes.deviation();
         let alike = torsion.0 * current.0 > 0.0 && (0.4..2.5).contains(&(torsion.0 / current.0));
-        let certain = torsion.1 > SIGNIFICANT && current.1 > SIGNIFICANT;
+        // Each side shows it, and both together as certainly as one alone would have to.
+        let certain = torsion.1.min(current.1) > 0.5 * SIGNIFICANT
+            && torsion.1.hypot(current.1) > SIGNIFICANT * 2f64.sqrt();
         let size = 0.5 * (torsion.0 + current.0);
         (alike && certain && size.abs() > DRIFT_NAMED * whole).then(|| {
             let name = self.kind.name("tau_sensor");
@@ -229,99 +256,4 @@ impl Judge<'_> {
             self.finding(Defect::Drifts, Severity::Refused, name, text, "a reference whose zero stays, or shorter logs, each with a zero of its own")
         })
     }
-
-    /// Signs that change within a log, and a current that has none.
-    fn signs(&self) -> Vec<Finding> {
-        let [_, _, _, torsion, motor, tau, _] = self.probes.signals();
-        let rows = self.probes.rows();
-        let all: Vec<[f64; 3]> = rows
-            .iter()
-            .map(|&k| [torsion[k], motor[k], tau[k]])
-            .collect();
-        let mut out = Vec::new();
-        let (least, most) = all
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
-        let sizes: Vec<f64> = all.iter().map(|r| r[1].abs()).collect();
-        let plain = correlation(
-            &all.iter().map(|r| r[1]).collect::<Vec<_>>(),
-            &all.iter().map(|r| r[2]).collect::<Vec<_>>(),
-        );
-        let of_sizes = correlation(&sizes, &all.iter().map(|r| r[2].abs()).collect::<Vec<_>>());
-        let both_signs = {
-            let positive = all.iter().filter(|r| r[2] > 0.0).count();
-            (0.1..0.9).contains(&(positive as f64 / all.len() as f64))
-        };
-        if both_signs
-            && (least > -0.05 * most || most < -0.05 * least)
-            && of_sizes > 0.5
-            && of_sizes > plain.abs() + 0.1
-        {
-            let name = self.kind.name("i");
-            let text = format!(
-                "{name} has no sign: it follows the torque's size (correlation {of_sizes:.2}), not the torque ({plain:.2})"
-            );
-            out.push(self.finding(
-                Defect::Sign,
-                Severity::Refused,
-                name,
-                text,
-                "the motor's measured current with its sign",
-            ));
-            return out;
-        }
-        let size = all.len() / PARTS;
-        let parts: Vec<&[[f64; 3]]> = all
-            .chunks(size.max(1))
-            .filter(|p| p.len() == size)
-            .collect();
-        let of = |column: usize| -> Vec<f64> {
-            parts
-                .iter()
-                .map(|p| {
-                    let x: Vec<f64> = p.iter().map(|r| r[column]).collect();
-                    let tau: Vec<f64> = p.iter().map(|r| r[2]).collect();
-                    correlation(&x, &tau)
-                })
-                .collect()
-        };
-        let (t, c) = (of(0), of(1));
-        let flips = |x: &[f64]| {
-            let (up, down) = (
-                x.iter().filter(|r| **r > 0.6).count(),
-                x.iter().filter(|r| **r < -0.6).count(),
-            );
-            up >= 2 && down >= 2
-        };
-        let name = match (flips(&t), flips(&c)) {
-            (true, true) => "tau_sensor",
-            (false, true) => "i",
-            _ => return out,
-        };
-        let first = if name == "i" { &c } else { &t };
-        let start = first.iter().copied().find(|r| r.abs() > 0.6).unwrap_or(1.0);
-        let part = first.iter().position(|r| r * start < -0.36).unwrap_or(0);
-        let row = rows[(part * size).min(rows.len() - 1)];
-        let name = self.kind.name(name);
-        let text = format!("the sign of {name} changes within the log");
-        let mut finding = self.finding(
-            Defect::Sign,
-            Severity::Refused,
-            name,
-            text,
-            "one sign throughout",
-        );
-        (finding.row, finding.t) = (Some(row), self.s.t[row]);
-        out.push(finding);
-        out
-    }
-}
-
-fn correlation(x: &[f64], y: &[f64]) -> f64 {
-    let n = x.len().max(1) as f64;
-    let (a, b) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
-    let dot = |f: &dyn Fn(usize) -> f64| (0..x.len()).map(f).sum::<f64>();
-    let xy = dot(&|k| (x[k] - a) * (y[k] - b));
-    let (xx, yy) = (dot(&|k| (x[k] - a).powi(2)), dot(&|k| (y[k] - b).powi(2)));
-    xy / (xx * yy).sqrt().max(1e-300)
 }

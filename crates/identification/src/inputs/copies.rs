@@ -14,10 +14,15 @@ use joint_file::JointFile;
 /// Residual, as a share of the deviation, above which a reference is no function of torsion, of current. A joint's
 /// torque follows its current, the noise of its control included, but for friction.
 const MOST: [f64; 2] = [0.25, 0.04];
+/// Residual over that of a function of angles or speeds alone, below which a reference is a function of torsion or
+/// current itself: torque sensors err by some thousandths, a gear's hysteresis and friction by more.
+const EXACT: f64 = 0.005;
 /// Noise of the residual over that of the function.
 const WITHOUT_NOISE: f64 = 0.5;
 /// Correlation of a noise's neighbouring second differences, at most: that of white noise is -2/3.
 const NOISY: f64 = -0.35;
+/// That correlation of an encoder's steps, at most; a motion without noise has nearly 1.
+const ROUGH: f64 = 0.5;
 /// Rows at both ends that taps reach beyond.
 const MARGIN: usize = 8;
 /// Rows that are looked at, at most.
@@ -59,8 +64,11 @@ pub(super) fn found(
         let Some(explained) = explained(from, &s.tau, extra) else {
             continue;
         };
-        let Explained { rest, noise } = explained;
-        if rest < most && noise < WITHOUT_NOISE && is_noise(&second(from)) {
+        let Explained { rest, own, noise } = explained;
+        // The coarse steps of an encoder are no noise, but no motion either.
+        let alike = alike(&second(from));
+        let told = alike < NOISY || (alike < ROUGH && rest < EXACT * own);
+        if rest < most && noise < WITHOUT_NOISE && told {
             out.push(Finding {
                 defect: Defect::Computed,
                 severity: Severity::Refused,
@@ -86,6 +94,8 @@ pub(super) fn found(
 struct Explained {
     /// Residual over the deviation.
     rest: f64,
+    /// Residual of the further terms alone, over the deviation.
+    own: f64,
     /// Second differences of the residual over those of the function, RMS.
     noise: f64,
 }
@@ -106,6 +116,7 @@ fn explained(from: &[f64], of: &[f64], extra: &dyn Fn(usize) -> Vec<f64>) -> Opt
         batch.add(&row(k), of[k]);
     }
     let fit = batch.solve(1e-12)?;
+    let without = batch.solve_columns(1e-12, |i| i >= TAPS.len() + LOW_PASSES.len())?;
     let function: Vec<f64> = rows
         .clone()
         .take(MAX_ROWS)
@@ -113,8 +124,10 @@ fn explained(from: &[f64], of: &[f64], extra: &dyn Fn(usize) -> Vec<f64>) -> Opt
         .collect();
     let residual: Vec<f64> = rows.zip(&function).map(|(k, y)| of[k] - y).collect();
     let size = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let share = |rms: f64| rms / deviation(of).max(f64::MIN_POSITIVE);
     Some(Explained {
-        rest: fit.rms / deviation(of).max(f64::MIN_POSITIVE),
+        rest: share(fit.rms),
+        own: share(without.rms),
         noise: size(&second(&residual)) / size(&second(&function)).max(f64::MIN_POSITIVE),
     })
 }
@@ -128,8 +141,8 @@ fn second(x: &[f64]) -> Vec<f64> {
     all.into_iter().map(|x| x.clamp(-most, most)).collect()
 }
 
-/// Second differences of noise: neighbours are opposite, where those of a motion are alike.
-fn is_noise(second: &[f64]) -> bool {
+/// Correlation of neighbouring second differences: those of noise are opposite, those of a motion alike.
+fn alike(second: &[f64]) -> f64 {
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
-    dot(second, second.get(1..).unwrap_or_default()) < NOISY * dot(second, second)
+    dot(second, second.get(1..).unwrap_or_default()) / dot(second, second).max(f64::MIN_POSITIVE)
 }

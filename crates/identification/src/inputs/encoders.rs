@@ -2,7 +2,9 @@
 //! gear's torsion exceeds some hundredths of a radian.
 
 use super::LogKind;
-use super::signals::{Signals, constant, span};
+use super::contradictions::{LATE_NAMED, LATE_REFUSED, MIN_LAG_S, SIGNIFICANT};
+use super::probes::Probes;
+use super::signals::{Signals, constant, deviation, span};
 use crate::least_squares::{Batch, Solution};
 use joint_file::JointFile;
 use problem::Problem;
@@ -25,6 +27,11 @@ const MAX_SLOPE_ERROR: f64 = 0.002;
 const MAX_SLOPE_TORSION: f64 = 0.0012;
 /// Step of the torsion from one row to the next that is no load, rad.
 const MAX_TORSION_STEP: f64 = 0.015;
+/// Multiple of the torsion's ordinary steps (99 of 100 are smaller) from which on one is a change of the zero.
+const MIN_STEP: f64 = 3.0;
+/// Cure of a lag.
+const LATE_CURE: &str =
+    "channels of one instant; `delay_ms` in the map of `torquectl import` shifts one";
 /// Share of the rows in motion at which an encoder may repeat its number.
 const MAX_HELD: f64 = 0.4;
 /// A turn's log that covers more than this is no turn, rad.
@@ -84,6 +91,21 @@ pub(super) fn check(
         problems.push(diagnosis(s, joint, kind, &fit, found, most));
         return;
     }
+    // A joint that was fitted has its skew taken out.
+    let known = joint.encoders.as_ref().map_or(0.0, |e| e.skew);
+    if let Some(skew) = fit
+        .as_ref()
+        .filter(|_| kind != LogKind::NoLoad)
+        .and_then(|fit| Skew::new(s, fit, known))
+    {
+        let text = skew.text(kind);
+        if skew.late.abs() > longest && skew.effect > LATE_REFUSED {
+            let reason = format!("{text}, more than a joint file's skew of {MAX_SKEW} periods");
+            problems.push(Problem::new(reason, LATE_CURE));
+            return;
+        }
+        notes.push(format!("{text}; {LATE_CURE}"));
+    }
     if let Some(fit) = fit.filter(|f| determined(f, s)) {
         let error = fit.x[0] - 1.0;
         if error.abs() > MAX_SLOPE_ERROR && error.abs() * span(&s.q) > MAX_SLOPE_TORSION {
@@ -106,24 +128,83 @@ pub(super) fn check(
     }
 }
 
+/// The torque, or the current where no torque is known throughout.
+fn load(s: &Signals) -> &[f64] {
+    let known = s.tau.iter().all(|tau| tau.is_finite());
+    if known { &s.tau } else { &s.current }
+}
+
+fn stride(s: &Signals) -> usize {
+    s.q.len().div_ceil(20_000).max(1)
+}
+
+/// Coefficients of [`slope`]. Angles are taken from the first, so that counts of an absolute encoder keep their digits.
+fn row(s: &Signals, load: &[f64], i: usize) -> [f64; 4] {
+    [s.q[i] - s.q[0], s.dq[i], load[i], 1.0]
+}
+
 /// theta/N = slope q + skew dq + compliance tau + constant; none of a joint at rest.
 fn slope(s: &Signals) -> Option<Solution> {
     let mut batch = Batch::new(4);
-    let step = s.q.len().div_ceil(20_000).max(1);
-    // Numbers are taken from the first, so that counts of an absolute encoder keep their digits.
-    let (u, q) = (s.u.first()?, s.q.first()?);
-    for i in (0..s.q.len()).step_by(step) {
-        let load = if s.tau[i].is_finite() {
-            s.tau[i]
-        } else {
-            s.current[i]
-        };
-        batch.add(&[s.q[i] - q, s.dq[i], load, 1.0], s.u[i] - u);
+    let load = load(s);
+    for i in (0..s.q.len()).step_by(stride(s)) {
+        batch.add(&row(s, load, i), s.u[i] - s.u[0]);
     }
     // A constant load depends on the constant.
     let all = batch.solve_columns(1e-12, |_| true);
     all.filter(|f| f.x.iter().all(|x| x.is_finite()))
         .or_else(|| batch.solve_columns(1e-12, |i| i != 2))
+}
+
+/// Time by which the link side is late against the motor side.
+struct Skew {
+    /// s; below zero it is early.
+    late: f64,
+    /// Twice its standard deviation, by samples that count as independent, s.
+    within: f64,
+    /// Torsion that it makes, RMS, over that of the load.
+    effect: f64,
+}
+
+impl Skew {
+    /// A skew beyond the known one, s, that is certain and that a torque shows.
+    fn new(s: &Signals, fit: &Solution, known: f64) -> Option<Self> {
+        let load = load(s);
+        let rows = (0..s.q.len()).step_by(stride(s));
+        let residual: Vec<f64> = rows
+            .map(|i| {
+                let sum: f64 = row(s, load, i)
+                    .iter()
+                    .zip(fit.x.iter())
+                    .map(|(a, x)| a * x)
+                    .sum();
+                s.u[i] - s.u[0] - sum
+            })
+            .collect();
+        let counted = Probes::independent(&residual) / residual.len() as f64;
+        let sigma = fit.sigma[1] / counted.sqrt();
+        let late = fit.x[1] - known;
+        let skew = Self {
+            late,
+            within: 2.0 * sigma,
+            effect: late.abs() * deviation(&s.dq) / (fit.x[2].abs() * deviation(load)).max(1e-12),
+        };
+        let certain = late.abs() > SIGNIFICANT * sigma && late.abs() > MIN_LAG_S;
+        (certain && skew.effect > LATE_NAMED).then_some(skew)
+    }
+
+    fn text(&self, kind: LogKind) -> String {
+        let [q, theta] = ["q", "theta"].map(|column| kind.name(column));
+        let late = self.late.abs();
+        format!(
+            "{q} is {} by {:.0} ms ({:.0} to {:.0}) against {theta}: {:.0} % of the torque",
+            if self.late > 0.0 { "late" } else { "early" },
+            1e3 * late,
+            1e3 * (late - self.within),
+            1e3 * (late + self.within),
+            100.0 * self.effect
+        )
+    }
 }
 
 fn determined(fit: &Solution, s: &Signals) -> bool {
@@ -239,7 +320,12 @@ fn shown_reversed(fit: &Option<Solution>) -> bool {
 /// Encoder zeros that change within the log: a few steps, where another unit would make many.
 fn steps(s: &Signals, torsion: &[f64], problems: &mut Vec<Problem>) -> bool {
     const MAX_STEPS: usize = 3;
-    let far = |w: &[f64]| (w[1] - w[0]).abs() > MAX_TORSION_STEP;
+    let mut sizes: Vec<f64> = torsion.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    // Encoders that show different links leave each other by as much in many rows.
+    let ordinary = sizes.get(sizes.len() * 99 / 100).copied().unwrap_or(0.0);
+    let least = MAX_TORSION_STEP.max(MIN_STEP * ordinary);
+    let far = |w: &[f64]| (w[1] - w[0]).abs() > least;
     let count = torsion.windows(2).filter(|w| far(w)).count();
     let first = torsion.windows(2).position(far);
     let Some(i) = first.filter(|_| count <= MAX_STEPS) else {

@@ -15,6 +15,10 @@ pub(super) const MAX_SHIFT_S: f64 = 0.16;
 const SHIFT_STEPS: i64 = 32;
 /// Speed over which the sign of friction is smoothed, parts of the largest.
 const SMOOTHING: f64 = 0.02;
+/// Play of the stops that make a hysteresis, parts of the largest torque, and of those that make a friction before it
+/// slides, rad on the link side: a gear's motor side slides after some 1e-4 rad.
+const HYSTERESIS: [f64; 2] = [0.04, 0.15];
+const SLIDING: [f64; 2] = [2e-4, 1e-3];
 const RIDGE: f64 = 1e-10;
 
 /// Which side is explained by the reference.
@@ -33,7 +37,15 @@ pub(super) struct Terms {
     pub(super) bent: bool,
     /// Zero that changes with time: line and parabola.
     pub(super) drift: bool,
+    /// Memory of the way before: hysteresis of the gear, friction before it slides.
+    pub(super) lasting: bool,
 }
+
+const LAG_TERMS: Terms = Terms {
+    bent: false,
+    drift: false,
+    lasting: true,
+};
 
 /// Filtered signals, and the rows that count.
 pub(super) struct Probes {
@@ -47,11 +59,39 @@ pub(super) struct Probes {
     dtau: Vec<f64>,
     torsion: Vec<f64>,
     theta: Vec<f64>,
+    hysteresis: [Vec<f64>; 2],
+    sliding: [Vec<f64>; 2],
     rows: Vec<usize>,
     period: f64,
     size: f64,
     speed: f64,
     loading: f64,
+}
+
+/// Equations of a probe.
+pub(super) struct Design {
+    /// Coefficients of each row.
+    pub(super) rows: Vec<Vec<f64>>,
+    /// Their sums.
+    pub(super) values: Vec<f64>,
+}
+
+impl Design {
+    /// Normal equations of some rows.
+    pub(super) fn batch(&self, rows: core::ops::Range<usize>) -> Batch {
+        let mut batch = Batch::new(self.rows[0].len());
+        for k in rows {
+            batch.add(&self.rows[k], self.values[k]);
+        }
+        batch
+    }
+
+    /// Residual of a row, with the torque's sign.
+    pub(super) fn residual(&self, fit: &Solution, k: usize, sign: f64) -> f64 {
+        let row = &self.rows[k];
+        let sum: f64 = row.iter().zip(fit.x.iter()).map(|(a, x)| a * x).sum();
+        self.values[k] - sum + (1.0 - sign) * row[TORQUE] * fit.x[TORQUE]
+    }
 }
 
 /// Result of a probe.
@@ -110,8 +150,11 @@ impl Probes {
             sizes[(sizes.len() - 1) * 99 / 100]
         };
         let (size, speed, loading) = (most(&tau), most(&dq), most(&dtau));
+        let u = filtered(&s.u, 0);
         Some(Self {
-            u: filtered(&s.u, 0),
+            hysteresis: HYSTERESIS.map(|part| stops(&tau, part * size)),
+            sliding: SLIDING.map(|way| stops(&u, way)),
+            u,
             q: filtered(&s.q, 0),
             ddq: filtered(&s.q, 2),
             motor: filtered(&motor, 0),
@@ -137,29 +180,30 @@ impl Probes {
         (row as i64 + shift).max(0) as usize
     }
 
-    /// A probe where the reference is taken `late` seconds later: a reference that is late fits then.
-    pub(super) fn probe(&self, side: Side, late: f64, terms: Terms) -> Option<Probed> {
+    /// Rows of a probe where the reference is taken `late` seconds later: one that is late fits then.
+    pub(super) fn design(&self, side: Side, late: f64, terms: Terms) -> Design {
         let shift = self.shift(late);
-        let row = |k: usize| self.row(side, k, shift, terms);
         let value = |k: usize| match side {
             Side::Torsion => self.torsion[k] - self.torsion[self.rows[0]],
             Side::Current => self.motor[k],
         };
-        let mut batch = Batch::new(row(self.rows[0]).len());
-        for &k in &self.rows {
-            batch.add(&row(k), value(k));
+        Design {
+            rows: self
+                .rows
+                .iter()
+                .map(|&k| self.row(side, k, shift, terms))
+                .collect(),
+            values: self.rows.iter().map(|&k| value(k)).collect(),
         }
-        let fit = batch.solve(RIDGE)?;
-        let residual = self.rows.iter().map(|&k| {
-            value(k)
-                - row(k)
-                    .iter()
-                    .zip(fit.x.iter())
-                    .map(|(a, x)| a * x)
-                    .sum::<f64>()
-        });
+    }
+
+    /// A probe of a [`Design`].
+    pub(super) fn probe(&self, side: Side, late: f64, terms: Terms) -> Option<Probed> {
+        let design = self.design(side, late, terms);
+        let all = 0..design.values.len();
+        let fit = design.batch(all.clone()).solve(RIDGE)?;
         Some(Probed {
-            residual: residual.collect(),
+            residual: all.map(|k| design.residual(&fit, k, 1.0)).collect(),
             fit,
         })
     }
@@ -169,7 +213,8 @@ impl Probes {
         let tau = self.tau[at.min(self.tau.len() - 1)];
         let place = 2.0 * k as f64 / self.tau.len() as f64 - 1.0;
         let slip = (self.dq[k] / (SMOOTHING * self.speed).max(1e-6)).tanh();
-        let [bent, drift] = [terms.bent, terms.drift].map(|on| if on { 1.0 } else { 0.0 });
+        let [bent, drift, lasting] =
+            [terms.bent, terms.drift, terms.lasting].map(|on| if on { 1.0 } else { 0.0 });
         let mut row = vec![
             tau,
             slip,
@@ -181,7 +226,9 @@ impl Probes {
         ];
         match side {
             Side::Torsion => {
-                let dtau = self.dtau[at.min(self.tau.len() - 1)];
+                let at = at.min(self.tau.len() - 1);
+                row.extend(self.hysteresis.iter().map(|x| lasting * x[at]));
+                let dtau = self.dtau[at];
                 row.push((dtau / (0.1 * self.loading).max(1e-9)).tanh());
                 for (angle, order) in [
                     (self.q[k], 1.0),
@@ -193,7 +240,10 @@ impl Probes {
                     row.extend([cos, sin]);
                 }
             }
-            Side::Current => row.extend([self.ddq[k], tau.abs() * slip]),
+            Side::Current => {
+                row.extend([self.ddq[k], tau.abs() * slip]);
+                row.extend(self.sliding.iter().map(|x| lasting * x[k]));
+            }
         }
         debug_assert!(row.len() > COMMON);
         row
@@ -232,7 +282,7 @@ impl Probes {
     /// no lag is, as the logarithm of the likelihoods' ratio.
     pub(super) fn lag(&self, side: Side) -> Option<Lag> {
         let cost = |late: f64| {
-            let probed = self.probe(side, late, Terms::default())?;
+            let probed = self.probe(side, late, LAG_TERMS)?;
             let square = probed.residual.iter().map(|r| r * r).sum::<f64>();
             Some((square, probed))
         };
@@ -296,6 +346,18 @@ pub(super) struct Lag {
     pub(super) interval: (f64, f64),
     /// Logarithm of the ratio of likelihoods, without the lag.
     pub(super) unlikely_without: f64,
+}
+
+/// A spring that slides beyond a play, -1 to 1: what it takes up of a way (Maxwell-slip; Prandtl's stop operator).
+fn stops(way: &[f64], play: f64) -> Vec<f64> {
+    let play = play.max(1e-12);
+    let (mut taken, mut before) = (0.0f64, way.first().copied().unwrap_or(0.0));
+    let step = |x: &f64| {
+        taken = (taken + (x - before) / play).clamp(-1.0, 1.0);
+        before = *x;
+        taken
+    };
+    way.iter().map(step).collect()
 }
 
 fn median_step(t: &[f64]) -> Option<f64> {

@@ -25,6 +25,8 @@ pub(crate) struct OtherJoint {
     dahl: [f64; 2],
     friction: Friction,
     gain: f64,
+    /// Part by which the current grows faster than the torque at the rated one.
+    saturating: f64,
     errors: Errors,
     sensor: Sensor,
     motion: Motion,
@@ -61,6 +63,8 @@ struct Sensor {
 }
 
 struct Motion {
+    /// Turning one way, rad/s.
+    turning: f64,
     waves: Vec<[f64; 3]>,
     loads: Vec<[f64; 3]>,
     centre: f64,
@@ -79,7 +83,119 @@ fn wave(random: &mut Random, most: f64) -> [f64; 2] {
     [most * (0.3 + 0.7 * random.unit()), TAU * random.unit()]
 }
 
+/// Sound logs unlike those that joints are drawn with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Form {
+    /// A tenth of the speed.
+    Slow,
+    /// One way throughout, under a load that turns with the joint.
+    OneWay,
+    /// One way under a load of one sign, so that the current has one sign too.
+    OneSign,
+    /// Gravity alone, about the lowest place.
+    Hanging,
+    /// Hardly a load: friction is most of the current.
+    Light,
+    /// A gear of one stage with little friction.
+    DirectDrive,
+    /// Samples at 4 kHz.
+    Fast,
+    /// Fast motion at 250 Hz.
+    Coarse,
+    /// Friction of a third of the rated torque.
+    Rough,
+    /// Sensors and encoders with hardly any noise, as of a simulation.
+    Quiet,
+    /// A motor whose iron saturates: the torque constant falls by a third.
+    Saturating,
+    /// Standing most of the time.
+    Standing,
+}
+
+impl Form {
+    pub(crate) const ALL: [Self; 12] = [
+        Self::Slow,
+        Self::OneWay,
+        Self::OneSign,
+        Self::Hanging,
+        Self::Light,
+        Self::DirectDrive,
+        Self::Fast,
+        Self::Coarse,
+        Self::Rough,
+        Self::Quiet,
+        Self::Saturating,
+        Self::Standing,
+    ];
+}
+
 impl OtherJoint {
+    /// The joint in another form of log.
+    pub(crate) fn in_form(mut self, form: Form, random: &mut Random) -> Self {
+        let (rated, m) = (self.rated, &mut self.motion);
+        let pace = |waves: &mut [[f64; 3]], by: f64| waves.iter_mut().for_each(|w| w[1] *= by);
+        let size = |waves: &mut [[f64; 3]], by: f64| waves.iter_mut().for_each(|w| w[0] *= by);
+        match form {
+            Form::Slow => {
+                pace(&mut m.waves, 0.1);
+                pace(&mut m.loads, 0.1);
+            }
+            Form::OneWay | Form::OneSign => {
+                m.turning = between(random, 0.1, 1.0);
+                m.waves.clear();
+                m.rest = 0.0;
+                if form == Form::OneSign {
+                    m.gravity[0] = 0.0;
+                    // A load that winds up a rope: always against the motion.
+                    m.loads.push([1.2 * rated, 0.0, 0.25 * TAU]);
+                }
+            }
+            Form::Hanging => {
+                m.gravity[1] = -m.centre;
+                m.loads.clear();
+                m.steps = 0.0;
+            }
+            Form::Light => {
+                m.gravity[0] = 0.05 * rated;
+                size(&mut m.loads, 0.1);
+                m.steps = 0.0;
+            }
+            Form::DirectDrive => {
+                let ratio = between(random, 6.0, 10.0);
+                self.rotor *= (self.ratio / ratio).powi(2);
+                self.torque_constant *= self.ratio / ratio;
+                self.ratio = ratio;
+                for part in [&mut self.friction.coulomb, &mut self.friction.stiction] {
+                    *part *= 0.2;
+                }
+                self.friction.viscous *= 0.2;
+                self.counts[0] = 2f64.powi(16 + random.below(4) as i32);
+            }
+            Form::Fast => self.rate = 4000.0,
+            Form::Coarse => {
+                self.rate = 250.0;
+                pace(&mut m.waves, 2.5);
+                pace(&mut m.loads, 2.5);
+            }
+            Form::Rough => {
+                self.friction.coulomb = 0.3 * rated;
+                self.friction.stiction = 0.4 * rated;
+            }
+            Form::Quiet => {
+                self.counts = [2f64.powi(22); 2];
+                self.sensor.noise = 1e-5 * rated;
+                self.sensor.step = 1e-6 * rated;
+                self.errors.current *= 0.01;
+            }
+            Form::Saturating => self.saturating = 0.5,
+            Form::Standing => {
+                m.turning = 0.0;
+                size(&mut m.waves, 0.02);
+            }
+        }
+        self
+    }
+
     /// A joint by its seed.
     pub(crate) fn new(random: &mut Random) -> Self {
         let ratio = [50.0, 80.0, 100.0, 121.0, 160.0][random.below(5)];
@@ -114,6 +230,7 @@ impl OtherJoint {
                 way: between(random, 1e-4, 5e-4),
             },
             gain: 1.0 + 0.08 * random.symmetric(),
+            saturating: 0.0,
             errors: Errors {
                 gear: [1.2e-4, 5e-5, 5e-5, 4e-5].map(|most| wave(random, most)),
                 link: [3e-5, 1e-5].map(|most| wave(random, most)),
@@ -191,7 +308,8 @@ impl OtherJoint {
         let inertia = self.rotor * self.ratio * self.ratio * ddq;
         let ripple = sine(e.ripple, 6.0 * theta);
         let torque = tau + friction + inertia + ripple;
-        let exact = torque / (self.ratio * self.torque_constant * self.gain);
+        let iron = 1.0 + self.saturating * (torque / self.rated).powi(2).min(1.0);
+        let exact = iron * torque / (self.ratio * self.torque_constant * self.gain);
         let sensed = state.sensed(&self.sensor, tau, 1.0 / self.rate);
         let grid = |x: f64, step: f64| (x / step).floor() * step;
         let mut encoder = |angle: f64, counts: f64| {
@@ -300,6 +418,7 @@ impl Motion {
             ]
         });
         Self {
+            turning: 0.0,
             waves,
             loads: loads.collect(),
             centre: 1.5 * random.symmetric(),
@@ -340,7 +459,7 @@ impl Motion {
     fn angle(&self, t: f64) -> f64 {
         let u = self.pace(t);
         let sum = self.waves.iter().map(|[a, w, p]| a * (w * u + p).sin());
-        self.centre + sum.sum::<f64>()
+        self.centre + self.turning * u + sum.sum::<f64>()
     }
 
     fn at(&self, t: f64, step: f64) -> [f64; 3] {
