@@ -146,3 +146,78 @@ fn the_last_foot_is_not_lifted() {
         assert_ne!(record.mode, Mode::Stand.number());
     }
 }
+
+/// When a fault begins: the robot leans over to the other foot, one is in the air, it has just come down.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    Leans,
+    InAir,
+    CameDown,
+}
+
+/// The client steps until the left foot is in this phase.
+fn until(phase: Phase, bench: &mut Bench, reference: &mut Reference, stepping: &mut Stepping) {
+    let (mut lifted, mut cycles) = (false, 0);
+    for _ in 0..12_000 {
+        let stands = bench.cycle.record().commanded.stands_on & 1 == 1;
+        let asked = reference.lifted_feet & LEFT != 0;
+        lifted |= !stands;
+        let is_in = match phase {
+            Phase::Leans => asked && stands,
+            Phase::InAir => !stands,
+            Phase::CameDown => lifted && stands,
+        };
+        cycles = if is_in { cycles + 1 } else { 0 };
+        if cycles > 300 {
+            return;
+        }
+        step(bench, reference, stepping);
+    }
+    panic!("never in {phase:?}");
+}
+
+/// Sensors that err, one or three in one cycle, while the robot steps and its client goes on as if nothing were: it does not
+/// fall, and no joint moves fast. Its mode may end.
+#[test]
+fn faults_while_it_steps_do_not_make_it_fall() {
+    type Spoil = fn(&mut Bench);
+    let cases: [(&str, Spoil); 4] = [
+        ("gyroscope", |bench| {
+            spoil_source(bench, Source::Imu(0), |axes| axes[0] += 0.05);
+        }),
+        ("moment under the right foot", |bench| {
+            spoil_source(bench, Source::Ft(1), |axes| axes[3] += 10.0);
+        }),
+        ("force under the left foot", |bench| {
+            spoil_ft(bench, |axes| axes[2] += 200.0)
+        }),
+        ("accelerometer and both feet", |bench| {
+            spoil_source(bench, Source::Imu(0), |axes| axes[3] -= 1.0);
+            spoil_source(bench, Source::Ft(0), |axes| axes[4] += 20.0);
+            spoil_source(bench, Source::Ft(1), |axes| axes[4] -= 20.0);
+        }),
+    ];
+    for (what, spoil) in cases {
+        for phase in [Phase::Leans, Phase::InAir, Phase::CameDown] {
+            let (mut bench, mut reference, mut stepping) = begun();
+            let begun = bench.plant.truth().base_orientation;
+            let height = bench.plant.truth().base_position[2];
+            until(phase, &mut bench, &mut reference, &mut stepping);
+            let mut motion = Motion::of(&bench);
+            for _ in 0..3000 {
+                bench.gather();
+                spoil(&mut bench);
+                let on = bench.cycle.record().commanded.stands_on;
+                stepping.update(on, &mut reference, 1e-3);
+                reference.sequence += 1;
+                bench.compute(&client_input(&reference));
+                motion.take(&bench);
+            }
+            let (turned, share) = (turned(&bench, &begun), motion.speed_share());
+            let lower = height - bench.plant.truth().base_position[2];
+            assert!(turned < 3.0, "{what}, {phase:?}: {turned:.2} degrees");
+            assert!(lower < 0.04, "{what}, {phase:?}: {lower:.3} m lower");
+            assert!(share < 0.5, "{what}, {phase:?}: {:.0} %", 100.0 * share);
+        }
+    }
+}

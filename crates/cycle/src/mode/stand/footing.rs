@@ -10,7 +10,7 @@ use supervisor::time_in_a_row;
 
 use crate::mode::{RigidBody, Unfit};
 
-/// Time for which a foot may bear nothing, s: in a push it may be lighter than [`control::Balance`] wants it. Chosen on
+/// Time for which a foot may bear nothing, or something in the air, s: in a push it may be lighter than [`control::Balance`] wants it. Chosen on
 /// the simulated humanoid, pushed by 60 N.
 const LIFTED_S: f64 = 0.2;
 /// Time for which a foot must have stood until where up is in its axes is not taken anew, s: up is a mean since then.
@@ -51,8 +51,8 @@ const LOWERS: f64 = 0.03;
 const CLEARS_M: f64 = 0.01;
 const LOWEST_M: f64 = 0.04;
 /// Distance of a sole from the ground by the joints' angles within which its sensor is believed to stand on it, m. Chosen:
-/// ten times what calibrated angles and a floor that gives way leave on the simulated humanoid.
-const NEAR_M: f64 = 0.02;
+/// five times what calibrated angles and a floor that gives way leave on the simulated humanoid.
+const NEAR_M: f64 = 0.01;
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Foot {
@@ -69,8 +69,8 @@ struct Foot {
     first_up: Vector3<f64>,
     /// It was first known from the other feet, by the angles of the joints.
     by_others: bool,
-    /// Time for which it bears nothing, s.
-    lifted_s: f64,
+    /// Time for which its sensor contradicts where it is, s: it stands, and bears nothing, or bears something in the air.
+    contradicts_s: f64,
     /// How far below its place it is led in the air, m.
     below: f64,
 }
@@ -135,7 +135,7 @@ impl Footing {
     /// soles, m. `near`: up in the axes of a foot and its height above the ground, by the angles.
     ///
     /// # Errors
-    /// A foot that the client does not lift bears nothing. Up turns under every foot.
+    /// A foot that the client does not lift bears nothing, or one in the air something. Up turns under every foot.
     pub(super) fn update(
         &mut self,
         (lifted, reserve): (u32, f64),
@@ -166,9 +166,9 @@ impl Footing {
             };
             if foot.stands {
                 let touches = load > TOUCHES_NO_MORE;
-                let lifted_s = time_in_a_row(&mut foot.lifted_s, !touches, dt);
+                let contradicts_s = time_in_a_row(&mut foot.contradicts_s, !touches, dt);
                 foot.stand(under, [reserve, load, body.stands_for(foot.sensor)], dt);
-                if lifted_s > LIFTED_S && !foot.lifts {
+                if contradicts_s > LIFTED_S && !foot.lifts {
                     if foot.bears < 1.0 && bears_all {
                         // It has touched the ground, and does not stand on it yet.
                         (foot.stands, foot.bears) = (false, 0.0);
@@ -176,13 +176,16 @@ impl Footing {
                         lost |= 1 << foot.sensor;
                     }
                 }
-            } else if let Some((up, height)) = near(k)
-                && load > TOUCHES
-                && !foot.lifts
-                && height.abs() < NEAR_M
-            {
-                (foot.stands, foot.bears, foot.lifted_s) = (true, COMES_WITH, 0.0);
-                (foot.up, foot.first_up, foot.by_others) = (up, up, true);
+            } else if let Some((up, height)) = near(k) {
+                let (touches, is_near) = (load > TOUCHES, height.abs() < NEAR_M);
+                let in_air = foot.was_lifted && touches && !is_near;
+                if time_in_a_row(&mut foot.contradicts_s, in_air, dt) > LIFTED_S {
+                    lost |= 1 << foot.sensor;
+                }
+                if touches && is_near && !foot.lifts {
+                    (foot.stands, foot.bears, foot.contradicts_s) = (true, COMES_WITH, 0.0);
+                    (foot.up, foot.first_up, foot.by_others) = (up, up, true);
+                }
             }
             if let Some(under) = under.filter(|_| foot.stands)
                 && body.stands_for(foot.sensor) >= KNOWN_S
