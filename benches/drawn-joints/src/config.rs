@@ -103,7 +103,9 @@ pub(crate) fn robot(drawn: &Drawn, bristles: Bristles) -> Result<Option<Robot>, 
         if refused_loops(&robot, "robot.toml").is_empty() {
             return Ok(Some(robot));
         }
-        let most = torque_loops(&robot).first().map_or(0.0, |l| l.largest_stiffness());
+        let most = torque_loops(&robot)
+            .first()
+            .map_or(0.0, |l| l.largest_stiffness());
         let next = BELOW * most.min(k_s);
         if next <= 0.0 {
             return Ok(None);
@@ -127,7 +129,8 @@ fn harmonics(waves: &Waves, first: f64) -> String {
 
 fn toml(drawn: &Drawn, known: &Known, k_tau: f64, k_s: f64) -> String {
     let c = &drawn.catalogue;
-    let presliding = (known.presliding).map_or(String::new(), |p| format!("presliding_rad = {p:?}"));
+    let presliding =
+        (known.presliding).map_or(String::new(), |p| format!("presliding_rad = {p:?}"));
     let numbers = [
         ("RATIO", c.ratio),
         ("TORQUE_CONSTANT", known.torque_constant),

@@ -43,7 +43,11 @@ fn within(random: &mut Random, [least, most]: [f64; 2]) -> f64 {
 
 /// Something that is there with this likelihood, else zero.
 fn at_times(random: &mut Random, likelihood: f64, value: f64) -> f64 {
-    if random.unit() < likelihood { value } else { 0.0 }
+    if random.unit() < likelihood {
+        value
+    } else {
+        0.0
+    }
 }
 
 fn wave(random: &mut Random, amplitude: f64, periods: f64) -> (f64, f64, f64) {
@@ -120,11 +124,7 @@ impl Drawn {
     /// The joint at rest at an angle, rad.
     pub(crate) fn at_rest(&self, q: f64, outside: Outside) -> Joint {
         Joint::at_rest(
-            (
-                self.mechanism.clone(),
-                self.sensors.clone(),
-                self.transport,
-            ),
+            (self.mechanism.clone(), self.sensors.clone(), self.transport),
             (
                 self.gear.clone(),
                 self.friction.clone(),
@@ -178,19 +178,13 @@ fn friction(r: &mut Random, c: &Catalogue, rotor: f64, presliding: f64) -> Frict
     let dependence = Dependence {
         load: load * within(r, [0.01, 0.08]),
         direction: direction * 0.15 * r.symmetric(),
-        position: [
-            wave(r, of_motor, periods[0]),
-            wave(r, of_link, periods[1]),
-        ],
+        position: [wave(r, of_motor, periods[0]), wave(r, of_link, periods[1])],
     };
     let static_ratio = 1.0 + at_times(r, 0.8, 0.8) * r.unit();
     let sizes = Sizes {
         coulomb,
         static_ratio,
-        stribeck: (
-            between(r, [0.5, 10.0]) / c.ratio,
-            within(r, [0.5, 2.0]),
-        ),
+        stribeck: (between(r, [0.5, 10.0]) / c.ratio, within(r, [0.5, 2.0])),
         viscous: c.viscous * c.ratio * c.ratio * between(r, [0.5, 3.0]),
         sticking: within(r, [0.3, 1.0]) * (stiffness * rotor).sqrt(),
         lag: between(r, [0.5e-3, 5e-3]),

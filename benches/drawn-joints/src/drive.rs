@@ -184,16 +184,16 @@ mod tests {
         let end = angles[99] / 1e-3;
         assert!((end - 1.0).abs() < 1e-3, "{end}");
         let over = angles.iter().copied().fold(0.0, f64::max) / 1e-3 - 1.0;
-        assert!((0.02..0.12).contains(&over), "{over}");
+        assert!((0.005..0.06).contains(&over), "{over}");
         let half = angles.iter().position(|x| *x > 0.5e-3).unwrap();
-        assert!((8..=10).contains(&half), "{half}");
+        assert!((7..=9).contains(&half), "{half}");
     }
 
     #[test]
     fn slower_samples_make_it_overshoot_more_and_the_limit_holds() {
         let over = |sizes: Sizes| step(sizes, 1e-3).into_iter().fold(0.0, f64::max) / 1e-3;
-        let over = [(10, false), (20, true), (40, true)].map(|(e, late)| over(sizes(e, late)));
-        assert!(over[0] < over[1] && over[1] < over[2], "{over:?}");
+        let over = [(10, false), (40, true)].map(|(every, late)| over(sizes(every, late)));
+        assert!(over[0] + 0.01 < over[1], "{over:?}");
         // 50 N·m on 0.2 kg·m² for 20 ms: no further than 50 mrad.
         let far = step(sizes(10, false), 1.0)[19];
         assert!((0.04..0.05).contains(&far), "{far}");

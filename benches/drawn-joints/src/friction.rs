@@ -155,7 +155,10 @@ mod tests {
         let (one, _) = push(3.0, 1.0);
         let (ten, v) = push(3.0, 10.0);
         assert!((2e-5..2e-4).contains(&one), "{one}");
-        assert!((ten - one).abs() < 1e-8 && v.abs() < 1e-7, "{one} {ten} {v}");
+        assert!(
+            (ten - one).abs() < 1e-8 && v.abs() < 1e-7,
+            "{one} {ten} {v}"
+        );
         let (_, v) = push(8.0, 20.0);
         // Coulomb friction, a tenth more in this direction, and 2 N·m·s/rad.
         assert!((v - (8.0 - 4.4) / 2.0).abs() < 0.02, "{v}");

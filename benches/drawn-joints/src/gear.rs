@@ -112,14 +112,14 @@ mod tests {
         let path = path.chain(-count..count).chain((-count..count).rev());
         let path: Vec<i32> = path.chain(-count..count).collect();
         let begins = path.len() - 4 * count as usize;
-        let (mut last, mut work) = (0.0, 0.0);
+        let (mut last, mut before, mut work) = (0.0, 0.0, 0.0);
         for (k, &at) in path.iter().enumerate() {
             let x = f64::from(at) * dx;
             let torque = gear.advance(x, x - last, 0.0);
             if k >= begins {
-                work += torque * (x - last);
+                work += 0.5 * (torque + before) * (x - last);
             }
-            last = x;
+            (last, before) = (x, torque);
         }
         work
     }

@@ -20,9 +20,8 @@ pub(crate) const STEPS: usize = 40;
 pub(crate) type Waves = Vec<(f64, f64, f64)>;
 
 pub(crate) fn waves(waves: &Waves, angle: f64) -> f64 {
-    let one = |(amplitude, periods, phase): &(f64, f64, f64)| {
-        amplitude * (periods * angle + phase).sin()
-    };
+    let one =
+        |(amplitude, periods, phase): &(f64, f64, f64)| amplitude * (periods * angle + phase).sin();
     waves.iter().map(one).sum()
 }
 
@@ -157,11 +156,6 @@ impl Joint {
         waves(of_link, self.q) + waves(of_motor, theta)
     }
 
-    /// Torque on the link, N·m.
-    pub(crate) fn tau(&self) -> f64 {
-        self.tau
-    }
-
     /// Angle and velocity of the link.
     pub(crate) fn link(&self) -> (f64, f64) {
         (self.q, self.dq)
@@ -259,5 +253,124 @@ impl Joint {
         let elastic = (0..parts).map(|k| dx * self.gear.elastic(dx * (f64::from(k) + 0.5)));
         0.5 * m.rotor * self.omega.powi(2) + 0.5 * m.link * self.dq.powi(2) + elastic.sum::<f64>()
             - m.weight * self.q.sin()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::catalogue::Catalogue;
+    use crate::draw::Drawn;
+
+    fn drawn(seed: u64) -> Drawn {
+        let catalogue = Catalogue::all().unwrap();
+        Drawn::new(&catalogue[seed as usize % catalogue.len()], seed)
+    }
+
+    /// A motor without current: what swings loses energy, and comes to rest where weight and friction are in balance.
+    #[test]
+    fn a_joint_without_current_loses_energy_until_it_rests() {
+        for seed in 0..14 {
+            let mut drawn = drawn(seed);
+            (drawn.drive.limit, drawn.mechanism.cogging) = (0.0, Vec::new());
+            let mut joint = drawn.at_rest(0.3, Outside::Free);
+            joint.dq = 0.5;
+            let first = joint.stored();
+            // The gear's slip elements give back what they have taken up: no more than their limits over their stretch.
+            let elements = drawn.gear.elements.iter();
+            let lent: f64 = elements
+                .map(|e| 0.5 * e.limit * e.limit / e.stiffness)
+                .sum();
+            let mut last = first;
+            for k in 0..10_000 {
+                joint.advance();
+                if k % 50 == 0 {
+                    let now = joint.stored();
+                    assert!(
+                        now <= last + 2.0 * lent + 1e-6 * first.abs(),
+                        "{}",
+                        drawn.name
+                    );
+                    last = last.min(now);
+                }
+            }
+            assert!(last < first, "{}", drawn.name);
+            assert!(joint.dq.abs() < 1.0, "{}: {}", drawn.name, joint.dq);
+        }
+    }
+
+    /// A drive whose set-point stands holds the link against its weight.
+    #[test]
+    fn at_rest_it_stays_and_reads_what_it_carries() {
+        for seed in 0..21 {
+            let drawn = drawn(seed);
+            let mut joint = drawn.at_rest(0.3, Outside::Free);
+            let torque = (0..2000).map(|_| joint.advance()).last().unwrap_or(0.0);
+            let (q, dq) = joint.link();
+            assert!(
+                (q - 0.3).abs() < 5e-4 && dq.abs() < 2e-3,
+                "{}: {q} {dq}",
+                drawn.name
+            );
+            let weight = drawn.mechanism.weight * q.cos();
+            let bearing = 2.0 * drawn.bearing.sizes.coulomb;
+            assert!(
+                (torque + weight).abs() < bearing,
+                "{}: {torque} {weight}",
+                drawn.name
+            );
+        }
+    }
+
+    /// Set-points act after the delay, within the jitter, and in their order.
+    #[test]
+    fn set_points_are_late_and_do_not_overtake_each_other() {
+        let drawn = drawn(3);
+        let mut joint = drawn.at_rest(0.3, Outside::Blocked);
+        let rests = joint.drive.set_point;
+        let Transport { delay, jitter } = drawn.transport;
+        for k in 1..200 {
+            joint.send(rests + 1e-9 * f64::from(k));
+            let least = (delay / DT).floor() as usize;
+            let most = ((delay + jitter) / DT).ceil() as usize + 1;
+            let before = joint.drive.set_point;
+            for step in 0..STEPS * 3 {
+                joint.advance_step();
+                if joint.drive.set_point > before {
+                    assert!((least..=most).contains(&step), "{step} {least} {most}");
+                    break;
+                }
+            }
+            assert!(joint.drive.set_point > before);
+            while !joint.on_the_way.is_empty() {
+                joint.advance_step();
+            }
+        }
+    }
+
+    /// Every drawn drive settles on its own rotor: its maker would not ship one that rings.
+    #[test]
+    fn drives_settle_on_their_rotor_alone() {
+        for seed in 0..49 {
+            let drawn = drawn(seed);
+            let step = 0.05 * drawn.catalogue.rated / drawn.drive.stiffness;
+            let mut sizes = drawn.drive.clone();
+            (sizes.dead_zone, sizes.ripple.0, sizes.count) = (0.0, 0.0, 1e-9);
+            let mut drive = Drive::at_rest(sizes, 0.0, 0.0);
+            drive.set_point = step;
+            let (mut angle, mut omega, mut most) = (0.0, 0.0, 0.0_f64);
+            for _ in 0..12_000 {
+                omega += DT / drawn.mechanism.rotor * drive.advance(angle, 0.0, DT);
+                angle += DT * omega;
+                most = most.max(angle);
+            }
+            assert!(
+                (angle / step - 1.0).abs() < 0.01,
+                "{}: {}",
+                drawn.name,
+                angle / step
+            );
+            assert!(most / step < 1.5, "{}: {}", drawn.name, most / step);
+        }
     }
 }

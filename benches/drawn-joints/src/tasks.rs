@@ -27,8 +27,14 @@ const WALL: f64 = 75_000.0 * 0.4 * 0.4;
 const WALL_DAMPING: f64 = 0.1;
 /// A block is stiffer than the gear by this factor.
 const BLOCK: f64 = 20.0;
-/// Torque by which a client goes on into a wall or block, share of rated.
-const INTO: f64 = 0.3;
+/// Torque of the impact of the link alone that no velocity exceeds, share of the limit: harder ones overload the gear.
+const IMPACT: f64 = 0.4;
+/// Way to what the link meets, rad.
+const AWAY: f64 = 0.1;
+/// Torque of K_s at which a client notices it, share of rated, and accelerations with which it starts and brakes, rad/s².
+const NOTICED: f64 = 0.3;
+const STARTS: f64 = 4.0;
+const BRAKES: f64 = 20.0;
 
 /// What a task has shown.
 #[derive(Debug, Clone, Default)]
@@ -82,7 +88,8 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     for (at, share) in [0.02, 0.2].into_iter().enumerate() {
         let name = ["blocked, 2 %", "blocked, 20 %"][at];
         let mut rig = begin(drawn, robot, Outside::Blocked)?;
-        let [absolute, relative, peak] = response(&mut rig, drawn.catalogue.rated, share, extent.every);
+        let [absolute, relative, peak] =
+            response(&mut rig, drawn.catalogue.rated, share, extent.every);
         let failed = end(&rig, name, &mut figures);
         let it = |hz: f64| if failed { 0.0 } else { hz };
         figures.bandwidth[at] = it(absolute);
@@ -161,7 +168,11 @@ fn response(rig: &mut Rig, rated: f64, share: f64, every: usize) -> [f64; 3] {
     let first = gains.first().map_or(1.0, |gain| gain.1);
     let peak = gains.iter().fold(0.0_f64, |most, gain| most.max(gain.1));
     let half_power = 0.5_f64.sqrt();
-    [falls_below(&gains, half_power), falls_below(&gains, half_power * first), peak]
+    [
+        falls_below(&gains, half_power),
+        falls_below(&gains, half_power * first),
+        peak,
+    ]
 }
 
 /// Frequency at which the gain first falls below a level, Hz; zero if it begins there.
@@ -217,7 +228,10 @@ fn step(rig: &mut Rig, rated: f64) -> [f64; 2] {
         reached.map_or(f64::INFINITY, |k| k as f64)
     };
     let highest = after.iter().copied().fold(f64::MIN, f64::max);
-    [at(0.9) - at(0.1), 100.0 * ((highest - to) / (to - from)).max(0.0)]
+    [
+        at(0.9) - at(0.1),
+        100.0 * ((highest - to) / (to - from)).max(0.0),
+    ]
 }
 
 /// Greatest torque within 0.5 s of a reversal, and mean torque against the hand besides, % of rated.
@@ -245,43 +259,58 @@ fn hand(rig: &mut Rig, rated: f64) -> [f64; 2] {
     [100.0 * reversal / rated, 100.0 * mean / rated]
 }
 
-/// The joint moves, meets something, goes on into it until K_s makes a torque, stays, and comes back; either way.
+/// The joint moves, meets something that nobody knew of, goes on into it until the client notices, stays and comes back,
+/// twice.
 fn meets(rig: &mut Rig, drawn: &Drawn, stiffness: f64) {
     let damping = 2.0 * WALL_DAMPING * (stiffness * drawn.mechanism.link).sqrt();
-    let into = INTO * drawn.catalogue.rated / rig.stiffness();
+    let gear = drawn.gear.stiffness;
+    let series = gear * stiffness / (gear + stiffness);
+    let most = IMPACT * drawn.catalogue.limit / (series * drawn.mechanism.link).sqrt();
+    let speed = MEETS.min(most);
     for _ in 0..cycles(0.5) {
         rig.follow(0.0);
     }
-    let (q, _) = rig.joint.link();
-    let wall = q + 0.1;
+    let from = rig.desired();
     rig.joint.outside = Outside::Spring {
-        at: wall,
+        at: rig.joint.link().0 + AWAY,
         stiffness,
         damping,
         one_sided: true,
     };
-    let from = rig.desired();
+    let notices = NOTICED * drawn.catalogue.rated;
     for _ in 0..2 {
-        let way = wall + into - from;
-        ramp(rig, way);
+        let mut velocity = 0.0_f64;
+        let mut left = cycles(4.0);
+        while left > 0 && rig.stiffness() * (rig.desired() - rig.joint.link().0) < notices {
+            velocity = (velocity + STARTS * PERIOD).min(speed);
+            rig.follow(velocity);
+            left -= 1;
+        }
+        while velocity > 0.0 {
+            velocity = (velocity - BRAKES * PERIOD).max(0.0);
+            rig.follow(velocity);
+        }
         for _ in 0..cycles(2.0) {
             rig.follow(0.0);
         }
-        ramp(rig, -way);
+        goes_back(rig, from, speed);
         for _ in 0..cycles(0.5) {
             rig.follow(0.0);
         }
     }
 }
 
-/// The desired angle goes on by so much, rad: it speeds up within 0.1 s and stands at once.
-fn ramp(rig: &mut Rig, way: f64) {
-    let (mut gone, mut velocity) = (0.0_f64, 0.0_f64);
-    while gone < way.abs() {
-        velocity = (velocity + MEETS * PERIOD / 0.1).min(MEETS).min((way.abs() - gone) / PERIOD);
-        gone += velocity * PERIOD;
-        rig.follow(velocity * way.signum());
+/// The desired angle goes back to where it was.
+fn goes_back(rig: &mut Rig, to: f64, speed: f64) {
+    let mut velocity = 0.0_f64;
+    while rig.desired() - to > 1e-6 {
+        let left = rig.desired() - to;
+        let brakes = (2.0 * STARTS * left).sqrt().max(STARTS * PERIOD);
+        let most = (velocity + STARTS * PERIOD).min(speed).min(brakes);
+        velocity = most.min(left / PERIOD);
+        rig.follow(-velocity);
     }
+    rig.follow(0.0);
 }
 
 /// Torque from peak to peak in the last quarter of a rest, % of the limit.
@@ -308,7 +337,11 @@ fn rest(
     // A press into the wall, or a pose that lies a little beyond the spring.
     let press = 0.2 * drawn.catalogue.rated;
     let load = press - drawn.mechanism.weight * START.cos();
-    let way = if at == 0 { press / rig.stiffness() } else { 0.0 };
+    let way = if at == 0 {
+        press / rig.stiffness()
+    } else {
+        0.0
+    };
     let (mut low, mut high) = (f64::MAX, f64::MIN);
     let last = cycles(seconds);
     for k in 0..last {
@@ -338,4 +371,38 @@ pub(crate) fn joint(
 ) -> Result<Option<Figures>, String> {
     let robot = crate::config::robot(drawn, bristles)?;
     robot.map(|robot| judge(drawn, &robot, extent)).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::catalogue::Catalogue;
+
+    /// A small version of the bench: two joints, on which no aim is missed, at fewer frequencies and for a shorter rest.
+    #[test]
+    fn two_drawn_joints_meet_the_aims() {
+        let catalogue = Catalogue::all().unwrap();
+        let extent = Extent {
+            every: 4,
+            rests: 4.0,
+            torque_only: false,
+        };
+        for seed in [10, 38] {
+            let drawn = Drawn::new(&catalogue[seed % catalogue.len()], seed as u64);
+            let figures = joint(&drawn, Bristles::Known, extent).unwrap();
+            let Some(f) = figures else {
+                panic!("{}: refused", drawn.name);
+            };
+            let name = &drawn.name;
+            assert!(f.faults.is_empty() && f.ended.is_empty(), "{name}: {f:?}");
+            assert!(
+                f.bandwidth[0] > 10.0 && f.bandwidth[1] > 15.0,
+                "{name}: {f:?}"
+            );
+            assert!(f.overshoot < 10.0 && f.reversal < 60.0, "{name}: {f:?}");
+            assert!(f.rest.iter().all(|swing| *swing < 1.5), "{name}: {f:?}");
+            // The wall was met, and the joint did move.
+            assert!(f.rest.iter().all(|swing| *swing > 0.0), "{name}: {f:?}");
+        }
+    }
 }
