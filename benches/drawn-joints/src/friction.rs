@@ -72,6 +72,13 @@ impl Friction {
         self.elements.len()
     }
 
+    /// Energy that its elements hold at most at a level, J.
+    #[cfg(test)]
+    pub(crate) fn lent(&self, level: f64) -> f64 {
+        let one = |e: &Element| 0.5 * (e.share * level).powi(2) / e.stiffness;
+        self.elements.iter().map(one).sum()
+    }
+
     /// Level at velocity `v`, with this torque in the gear, at these angles of motor and link, N·m.
     pub(crate) fn level(&self, v: f64, gear: f64, angles: [f64; 2]) -> f64 {
         let s = &self.sizes;

@@ -1,8 +1,8 @@
 //! One joint: rotor, friction and drive behind a gear, a bearing and a link; its encoders, and the way of its commands.
 //!
 //! ```text
-//! J m''   = motor + cogging - friction(m', T) - T      m: motor's angle over the ratio
-//! J_l q'' = T - bearing(q') + M g l cos(q) + outside   T: gear(m - q - kinematic error)
+//! J m''   = motor + cogging - friction(m', T) - T (1 - dk/dm)      m: motor's angle over the ratio
+//! J_l q'' = T (1 + dk/dq) - bearing(q') + M g l cos(q) + outside    T: gear(m - q - k), k: kinematic error
 //! ```
 
 use crate::drive::Drive;
@@ -22,6 +22,14 @@ pub(crate) type Waves = Vec<(f64, f64, f64)>;
 pub(crate) fn waves(waves: &Waves, angle: f64) -> f64 {
     let one =
         |(amplitude, periods, phase): &(f64, f64, f64)| amplitude * (periods * angle + phase).sin();
+    waves.iter().map(one).sum()
+}
+
+/// Derivative of the sum by the angle.
+fn slope(waves: &Waves, angle: f64) -> f64 {
+    let one = |(amplitude, periods, phase): &(f64, f64, f64)| {
+        amplitude * periods * (periods * angle + phase).cos()
+    };
     waves.iter().map(one).sum()
 }
 
@@ -207,10 +215,13 @@ impl Joint {
         self.torsion = torsion;
         let level = self.friction.level(self.omega, gear, [theta, self.q]);
         let friction = self.friction.advance(self.omega, level, DT);
-        self.omega += DT / self.mechanism.rotor * (made - friction - gear);
+        let [of_link, of_motor] = &self.mechanism.kinematic;
+        let on_rotor = gear * (1.0 - self.mechanism.ratio * slope(of_motor, theta));
+        let on_link = gear * (1.0 + slope(of_link, self.q));
+        self.omega += DT / self.mechanism.rotor * (made - friction - on_rotor);
         self.motor += DT * self.omega;
         let level = self.bearing.level(self.dq, gear, [theta, self.q]);
-        self.tau = gear - self.bearing.advance(self.dq, level, DT);
+        self.tau = on_link - self.bearing.advance(self.dq, level, DT);
         self.move_link();
         self.tau
     }
@@ -276,18 +287,19 @@ mod tests {
             let mut joint = drawn.at_rest(0.3, Outside::Free);
             joint.dq = 0.5;
             let first = joint.stored();
-            // The gear's slip elements give back what they have taken up: no more than their limits over their stretch.
-            let elements = drawn.gear.elements.iter();
-            let lent: f64 = elements
-                .map(|e| 0.5 * e.limit * e.limit / e.stiffness)
-                .sum();
+            // Slip elements give back what they have taken up: no more than their limits over their stiffness.
+            let of_gear = drawn.gear.elements.iter();
+            let of_gear: f64 = of_gear.map(|e| 0.5 * e.limit * e.limit / e.stiffness).sum();
+            let most = drawn.friction.level(0.0, drawn.catalogue.limit, [0.0; 2]);
+            let bearing = drawn.bearing.level(0.0, 0.0, [0.0; 2]);
+            let lent = of_gear + drawn.friction.lent(1.3 * most) + drawn.bearing.lent(bearing);
             let mut last = first;
             for k in 0..10_000 {
                 joint.advance();
                 if k % 50 == 0 {
                     let now = joint.stored();
                     assert!(
-                        now <= last + 2.0 * lent + 1e-6 * first.abs(),
+                        now <= last + lent + 1e-6 * first.abs(),
                         "{}",
                         drawn.name
                     );
