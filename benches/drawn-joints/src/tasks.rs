@@ -100,6 +100,8 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     let [rise, overshoot] = step(&mut rig, drawn.catalogue.rated);
     let failed = end(&rig, "step", &mut figures);
     (figures.rise, figures.overshoot) = failing(failed, (rise, overshoot));
+
+    println!("HAND");
     let mut rig = begin(drawn, robot, Outside::Led(0.0))?;
     let [reversal, mean] = hand(&mut rig, drawn.catalogue.rated);
     let failed = end(&rig, "hand", &mut figures);
@@ -107,6 +109,7 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     if extent.torque_only {
         return Ok(figures);
     }
+
     for (name, stiffness) in [("wall", WALL), ("block", BLOCK * drawn.gear.stiffness)] {
         let mut rig = begin(drawn, robot, Outside::Free)?;
         meets(&mut rig, drawn, stiffness);

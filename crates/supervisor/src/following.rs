@@ -53,6 +53,8 @@ pub struct Shown {
     pub set_points: [f64; 2],
     /// The velocity that both show, rad/s.
     pub velocity: f64,
+    /// The motor's velocity, rad/s: where the link stands it winds the gear up.
+    pub motor_velocity: f64,
     /// The lead over its motor that the drive's torque needs, rad.
     pub lead: f64,
     /// The lead that its velocity needs, rad.
@@ -171,8 +173,8 @@ impl Following {
         }
         let lasts = |i: usize| self.over[i] >= samples;
         let begins = |i: usize| before[i] < samples;
-        let explained =
-            p.doubt + p.doubt_per_lead * shown.lead.abs() + p.per_velocity * velocity.abs();
+        let turns = velocity.abs().max(shown.motor_velocity.abs());
+        let explained = p.doubt + p.doubt_per_lead * shown.lead.abs() + p.per_velocity * turns;
         let doubt = self.error.abs() / explained;
         let doubtful_before = self.doubtful;
         self.doubtful = if shown.followed && doubt > 1.0 {
@@ -212,6 +214,7 @@ mod tests {
         Shown {
             set_points,
             velocity,
+            motor_velocity: velocity,
             lead: 0.0,
             lag: 0.0,
             followed: false,

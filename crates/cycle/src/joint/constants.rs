@@ -57,14 +57,14 @@ impl Constants {
         &self,
         measured: &JointMeasured,
         motion: &Motion,
-        after_gap: Option<[f64; 2]>,
+        known: Option<[f64; 2]>,
         integral: f64,
     ) -> Shown {
+        let filtered = [measured.dq, measured.omega / self.gear_ratio];
+        let [dq, omega] = known.unwrap_or(filtered);
         let (set_points, lead, lag) = match &self.drive {
             DriveModel::Position(drive) => {
                 let tau = self.torque_per_current * measured.current - integral;
-                let filtered = [measured.dq, measured.omega / self.gear_ratio];
-                let [dq, omega] = after_gap.unwrap_or(filtered);
                 let lead = drive.k_tau_motor * tau;
                 //= D6: delta_q = K_tau tau + K_v dq + K_c sign(dq)
                 let set_points = [
@@ -78,6 +78,7 @@ impl Constants {
         Shown {
             set_points,
             velocity: motion.dq,
+            motor_velocity: omega,
             lead,
             lag,
             followed: false,

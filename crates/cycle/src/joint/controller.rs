@@ -185,13 +185,20 @@ impl Controller {
             ..*input
         };
         self.law.observe(&self.constants, &motion, input);
-        let after_gap = (self.law.predictive()).and_then(PredictiveLaw::velocities_after_gap);
+        let after_gap = self.law.predictive().and_then(|law| {
+            let follows = matches!(self.state, Some(State::Follow(_)));
+            let all = law.velocities().filter(|_| follows);
+            all.or_else(|| law.velocities_after_gap())
+        });
         let deviation = self.deviation(&motion, after_gap, input);
         let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
         self.doubted |= self.is_motor_side_only() && is_doubtful;
         self.guard_hold(input);
         let asked = self.command(goal, &motion, input, commanded);
-        self.limiter.judge_by(after_gap.map(|[_, rotor]| rotor));
+        let foreseen = (self.law.predictive()).map(PredictiveLaw::rotor_when_it_acts);
+        let follows = matches!(self.state, Some(State::Follow(_)));
+        let after_gap = after_gap.map(|[_, rotor]| [motion.theta, rotor]);
+        self.limiter.judge_by(foreseen.filter(|_| follows).or(after_gap));
         let limited = self.limit(goal, asked, &motion, input);
         self.following.note_sent(limited.applied);
         commanded.following_error = self.following.error();

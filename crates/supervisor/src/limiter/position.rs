@@ -46,10 +46,11 @@ impl Limiter {
             };
         }
         // Rate and power: of the torque that the lead over the motor makes.
+        let [theta, omega] = self.motor.unwrap_or([motion.theta, motion.dq]);
         let lead = Lead {
             drive,
-            theta: motion.theta,
-            omega: self.motor_velocity.unwrap_or(motion.dq),
+            theta,
+            omega,
         };
         let made = lead.torque(led);
         let allowed = self.within_rate_and_power(&lead, made, motion, held, &mut flags);
