@@ -164,7 +164,9 @@ impl Joint {
         waves(of_link, self.q) + waves(of_motor, theta)
     }
 
-    pub(crate) fn tau_now(&self) -> f64 { self.tau }
+    pub(crate) fn tau_now(&self) -> f64 {
+        self.tau
+    }
     /// Angle and velocity of the link.
     pub(crate) fn link(&self) -> (f64, f64) {
         (self.q, self.dq)
@@ -299,11 +301,7 @@ mod tests {
                 joint.advance();
                 if k % 50 == 0 {
                     let now = joint.stored();
-                    assert!(
-                        now <= last + lent + 1e-6 * first.abs(),
-                        "{}",
-                        drawn.name
-                    );
+                    assert!(now <= last + lent + 1e-6 * first.abs(), "{}", drawn.name);
                     last = last.min(now);
                 }
             }

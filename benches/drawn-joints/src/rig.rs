@@ -113,7 +113,25 @@ impl Rig {
                 let e = &record.estimated.joints[0];
                 let c = &record.commanded.joints[0];
                 let j = &self.robot.parameters.joints[0];
-                println!("D {:.3} tau {:.2} enc {:.2} f{:x} motor {:.2} q {:.5} th/N {:.5} dq {:.3} om {:.3} cmd {:.5} tau_d {:.2} fl{:x} mode {} fault {} true_i {:.2} ferr {:.6}", self.time, self.joint.tau_now(), e.tau_encoder.tau, e.tau_encoder.flags, m.current * j.estimator.wave_generator.torque_constant * j.estimator.gear_ratio, m.q, m.theta / j.estimator.gear_ratio, m.dq, m.omega / j.estimator.gear_ratio, c.q_c, c.tau_d, c.flags, record.mode, record.fault, self.joint.drive.by_current(), c.following_error);
+                println!(
+                    "D {:.3} tau {:.2} enc {:.2} f{:x} motor {:.2} q {:.5} th/N {:.5} dq {:.3} om {:.3} cmd {:.5} tau_d {:.2} fl{:x} mode {} fault {} true_i {:.2} ferr {:.6}",
+                    self.time,
+                    self.joint.tau_now(),
+                    e.tau_encoder.tau,
+                    e.tau_encoder.flags,
+                    m.current * j.estimator.wave_generator.torque_constant * j.estimator.gear_ratio,
+                    m.q,
+                    m.theta / j.estimator.gear_ratio,
+                    m.dq,
+                    m.omega / j.estimator.gear_ratio,
+                    c.q_c,
+                    c.tau_d,
+                    c.flags,
+                    record.mode,
+                    record.fault,
+                    self.joint.drive.by_current(),
+                    c.following_error
+                );
             }
         }
         if self.fault.is_none() && record.fault != 0 {

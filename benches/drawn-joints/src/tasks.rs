@@ -102,6 +102,7 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     (figures.rise, figures.overshoot) = failing(failed, (rise, overshoot));
 
     println!("HAND");
+    println!("HAND");
     let mut rig = begin(drawn, robot, Outside::Led(0.0))?;
     let [reversal, mean] = hand(&mut rig, drawn.catalogue.rated);
     let failed = end(&rig, "hand", &mut figures);
@@ -111,6 +112,7 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     }
 
     for (name, stiffness) in [("wall", WALL), ("block", BLOCK * drawn.gear.stiffness)] {
+        println!("MEETS {name}");
         let mut rig = begin(drawn, robot, Outside::Free)?;
         meets(&mut rig, drawn, stiffness);
         end(&rig, name, &mut figures);

@@ -83,8 +83,6 @@ pub struct PredictiveLaw {
     /// mode's first.
     desired: Option<[f64; 2]>,
     desired_share: f64,
-    /// Angle and velocity of the rotor when the last command acts, rad and rad/s.
-    foreseen: [f64; 2],
     /// Friction foreseen for the next command, N·m.
     friction: f64,
     /// z: torque of the integral in the drive's velocity loop, N·m, and its share that is new in a period.
@@ -130,7 +128,6 @@ impl PredictiveLaw {
             back_drive_assist: BackDriveAssist::new(p),
             desired: None,
             desired_share: 1.0 - (-p.design.reference * dt).exp(),
-            foreseen: [0.0; 2],
             friction: 0.0,
             integral: 0.0,
             integral_share: 1.0 - (-p.drive_integral() * dt).exp(),
@@ -177,13 +174,6 @@ impl PredictiveLaw {
     #[must_use]
     pub fn velocities(&self) -> Option<[f64; 2]> {
         (self.started).then(|| [self.link.velocity(), self.rotor.omega])
-    }
-
-    /// theta+ and omega+: angle and velocity of the rotor, on the link side, in the middle of the time for which the last
-    /// command acts, rad and rad/s.
-    #[must_use]
-    pub fn rotor_when_it_acts(&self) -> [f64; 2] {
-        self.foreseen
     }
 
     /// d: torque on the rotor that the drive's model does not explain, N·m.
@@ -357,7 +347,6 @@ impl PredictiveLaw {
     /// The command for the desired torques' sum, rad or A, and its contributions.
     pub fn command(&mut self, desired: &TorqueTerms) -> Contributions {
         let ahead = self.ahead();
-        self.foreseen = [ahead.theta, ahead.omega];
         let p = &self.parameters;
         let stiffness = self.stiffness;
         let (stiff, damping) = p.feedback(stiffness);

@@ -85,8 +85,8 @@ pub struct Limiter {
     /// Cycles left in which the torque rises slowly, as the loop has not run for some.
     resuming: u32,
     controlled: bool,
-    /// Angle and velocity of the motor where they are known better than by this sample, rad and rad/s.
-    motor: Option<[f64; 2]>,
+    /// Velocity of the motor where it is known better than by its encoder's filter, rad/s.
+    motor_velocity: Option<f64>,
     /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row to this side (sign).
     kept_back: f64,
     keeps_back: i32,
@@ -107,7 +107,7 @@ impl Limiter {
             last_torque: 0.0,
             resuming: 0,
             controlled: false,
-            motor: None,
+            motor_velocity: None,
             kept_back: 0.0,
             keeps_back: 0,
         }
@@ -178,11 +178,10 @@ impl Limiter {
         self.torque
     }
 
-    /// Link-side angle and velocity of the motor when the command acts, rad and rad/s, by an observer; none: those of the
-    /// motion. The rate of a position drive's torque is judged by them: a motor that speeds up has gone on until then, and
-    /// the filter of its velocity is late, or has a gap in its window.
-    pub fn judge_by(&mut self, motor: Option<[f64; 2]>) {
-        self.motor = motor.filter(|motor| motor.iter().all(|x| x.is_finite()));
+    /// Link-side velocity of the motor, rad/s, by an observer; none: that of the motion. The rate of a position drive's
+    /// torque is judged by it: the filter of the measured velocity is late, or has a gap in its window.
+    pub fn judge_by(&mut self, motor_velocity: Option<f64>) {
+        self.motor_velocity = motor_velocity.filter(|omega| omega.is_finite());
     }
 
     /// The command that may be sent instead of `asked`.

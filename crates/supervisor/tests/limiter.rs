@@ -321,7 +321,7 @@ fn a_torque_rate_by_a_wrong_motor_velocity_leads_no_further_than_the_torque_limi
     for motor_velocity in [-1e3, -3.0, 3.0, 1e3] {
         let mut limiter = Limiter::new(limits, POSITION, PERIOD);
         limiter.start(&still(0.2), 0.0);
-        limiter.judge_by(Some([0.2, motor_velocity]));
+        limiter.judge_by(Some(motor_velocity));
         let sent = limiter.limit(0.2, &still(0.2));
         assert!(sent.flags & command_flags::TORQUE_RATE_LIMITED != 0);
         let lead = POSITION_DRIVE.k_tau * limits.torque;
