@@ -11,6 +11,9 @@
 //! e_2 = T - tau_hat                                              by F/T sensors and model
 //! ```
 //!
+//! Torsion and current are taken as late as the velocity is: a rotor that a hand turns round or a wall stops has torques
+//! of inertia and friction beyond those that count, which at another instant would stand alone.
+//!
 //! A change counts from before it began: samples that are not used, as one of a foot that is put down hard may
 //! look like an encoder's step, are bridged; to begin anew amid the impact would make its end a change.
 //!
@@ -86,6 +89,8 @@ impl Change {
 /// State of a joint that is followed from one sample to the next.
 #[derive(Debug, Clone, Copy)]
 struct Changes {
+    /// Torque by torsion, and the one by current besides friction, as late as the velocity is.
+    late: [f64; 2],
     /// Changes of `e_1` without its inertia, of omega, and of `e_2` where it is known.
     by_current: Change,
     omega: Change,
@@ -186,9 +191,15 @@ impl Joint {
             return false;
         };
         let omega = omega / self.motor.gear_ratio;
-        let motor = self.motor.torque(current, omega);
+        let made = self.motor.k_1 * current;
+        let late = (self.changes.as_ref()).map_or([torsion, made], |changes| changes.late);
+        let share = dt / (dt + FAST_S);
+        let [torsion_late, made_late] = [(late[0], torsion), (late[1], made)]
+            .map(|(late, now)| late + share * (now - late));
+        let motor = self.motor.torque(made_late / self.motor.k_1, omega);
         let changes = self.changes.get_or_insert(Changes {
-            by_current: Change::from(torsion - motor),
+            late: [torsion, made],
+            by_current: Change::from(torsion_late - motor),
             omega: Change::from(omega),
             motor: Change::from(motor),
             level: None,
@@ -197,12 +208,13 @@ impl Joint {
             over: 0,
             bridged: 0,
         });
+        changes.late = [torsion_late, made_late];
         changes.bridged = 0;
         changes.time += dt;
         changes.omega.update(omega, dt);
         let inertia = self.motor.inertia * changes.omega.of_derivative(omega);
         let made = changes.motor.update(motor, dt) - inertia;
-        let by_current = changes.by_current.update(torsion - motor, dt) + inertia;
+        let by_current = changes.by_current.update(torsion_late - motor, dt) + inertia;
         let by_current = beyond_scale(by_current, made);
         let (limit, friction) = (self.torque_limit, REVERSAL * self.motor.k_3);
         let settled = changes.time > SETTLING_S;

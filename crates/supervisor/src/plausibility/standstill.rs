@@ -2,7 +2,8 @@
 //!
 //! In: what both encoders show, the motor's velocity some time ago and its torque. Out: whether it can stand. It cannot
 //! while its torque changes by more than friction holds, nor right after a motion that nothing could have ended within
-//! a sample. Then one or both encoders are flat, or the rotor is blocked.
+//! a sample. Then one or both encoders are flat, or the rotor is blocked. A rotor that has been braked until it stands
+//! needs no more torque for that: as much may end with the motion.
 
 use super::PlausibilityParameters;
 use crate::in_a_row::count_in_a_row;
@@ -51,6 +52,8 @@ pub(super) struct Standstill {
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
+    /// Velocity that it has lost before it came to stand, rad/s, link side: none where its encoder is flat all at once.
+    lost: f64,
     /// Samples in a row with a torque that would move it, or since it halted.
     pressed: u32,
 }
@@ -67,11 +70,14 @@ impl Standstill {
             Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
             last => {
                 let moving = last.filter(|last| in_a_row && last.pressed == 0);
-                let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
+                let way = moving.map(|last| (sample.theta - last.from.theta).abs());
+                let kept = way.map_or(f64::INFINITY, |way| way / p.way_per_velocity);
+                let way = way.unwrap_or(0.0);
                 Self {
                     from: sample,
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
+                    lost: (sample.velocity.abs() - kept).max(0.0),
                     pressed: 0,
                 }
             }
@@ -84,7 +90,8 @@ impl Standstill {
         let onwards = change * self.from.velocity > 0.0;
         let share = BREAKS_AWAY[usize::from(!(onwards && moved))];
         let is_judged = moved && sample.driven || !p.holds_itself;
-        let is_greater = change.abs() > share * p.friction + p.torque_margin;
+        let braked = if onwards { p.braking * self.lost } else { 0.0 };
+        let is_greater = change.abs() > share * p.friction + p.torque_margin + braked;
         count_in_a_row(&mut self.pressed, self.halted || is_judged && is_greater);
         self
     }
