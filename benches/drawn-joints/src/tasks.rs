@@ -338,6 +338,7 @@ fn rest(
         damping,
         one_sided,
     };
+    println!("REST {name}");
     let mut rig = begin(drawn, robot, if at == 2 { Outside::Free } else { spring })?;
     // A press into the wall, or a pose that lies a little beyond the spring.
     let press = 0.2 * drawn.catalogue.rated;

@@ -51,6 +51,9 @@ pub struct FollowingParameters {
 pub struct Shown {
     /// The set-points that motor-side and link-side encoder show, rad or A.
     pub set_points: [f64; 2],
+    /// Further motion of the set-points by velocities of an observer, which are not late, rad or A: by the motor's
+    /// encoder, by the link's; none where there is no observer.
+    pub further: Option<[f64; 2]>,
     /// The velocity that both show, rad/s.
     pub velocity: f64,
     /// The motor's velocity, rad/s: where the link stands it winds the gear up.
@@ -154,11 +157,15 @@ impl Following {
         let velocity = shown.velocity;
         let low = self.sent.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.sent.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let [motor, link] = set_points.map(|x| (x - high).max(0.0) + (x - low).min(0.0));
-        self.error = if motor.abs() < link.abs() {
-            motor
-        } else {
-            link
+        let outside = |x: f64| (x - high).max(0.0) + (x - low).min(0.0);
+        let nearer = |[a, b]: [f64; 2]| if a.abs() < b.abs() { a } else { b };
+        let late = nearer(set_points.map(outside));
+        let [motor, link] = set_points;
+        self.error = match shown.further {
+            Some([a, b]) if !shown.blind => {
+                nearer([nearer([motor + a, link + b].map(outside)), late])
+            }
+            _ => late,
         };
         let p = &self.parameters;
         let ratios = [
@@ -213,6 +220,7 @@ mod tests {
     fn shown(set_points: [f64; 2], velocity: f64) -> Shown {
         Shown {
             set_points,
+            further: None,
             velocity,
             motor_velocity: velocity,
             lead: 0.0,

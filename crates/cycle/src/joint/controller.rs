@@ -185,13 +185,15 @@ impl Controller {
             ..*input
         };
         self.law.observe(&self.constants, &motion, input);
+        let after_gap = (self.law.predictive()).and_then(PredictiveLaw::velocities_after_gap);
         let observed = self.observed_velocities();
-        let deviation = self.deviation(&motion, observed, input);
+        let deviation = self.deviation(&motion, (after_gap, observed), input);
         let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
         self.doubted |= self.is_motor_side_only() && is_doubtful;
         self.guard_hold(input);
         let asked = self.command(goal, &motion, input, commanded);
-        self.limiter.judge_by(observed.map(|[_, rotor]| rotor));
+        self.limiter
+            .judge_by(observed.or(after_gap).map(|[_, rotor]| rotor));
         let limited = self.limit(goal, asked, &motion, input);
         self.following.note_sent(limited.applied);
         commanded.following_error = self.following.error();
@@ -229,23 +231,21 @@ impl Controller {
         }
     }
 
-    /// Velocities of link and rotor by the law's observers, rad/s, while it makes the command, and after a gap: the
-    /// filters of the measured ones are 8 ms late, in which a hand changes the torque of a stiff drive's damping by more
-    /// than the drive may deviate.
+    /// Velocities of link and rotor by the law's observers, rad/s, while it makes the command: the filters of the measured
+    /// ones are 8 ms late, in which a hand changes the torque of a stiff drive's damping by more than the drive may
+    /// deviate.
     fn observed_velocities(&self) -> Option<[f64; 2]> {
         let law = self.law.predictive()?;
-        match self.state {
-            Some(State::Follow(_)) => law.velocities(),
-            _ => law.velocities_after_gap(),
-        }
+        let follows = matches!(self.state, Some(State::Follow(_)));
+        law.velocities().filter(|_| follows)
     }
 
-    /// How the drive deviates from its commands, and whether that begins; `observed`: velocities of link and rotor,
-    /// rad/s.
+    /// How the drive deviates from its commands, and whether that begins; `velocities`: of link and rotor after a gap,
+    /// that no filter knows yet, and by observers, rad/s.
     fn deviation(
         &mut self,
         motion: &Motion,
-        observed: Option<[f64; 2]>,
+        velocities: (Option<[f64; 2]>, Option<[f64; 2]>),
         input: &JointInput<'_>,
     ) -> Option<(Deviation, bool)> {
         if input.measured.flags & measured_flags::MISSED != 0 {
@@ -253,7 +253,7 @@ impl Controller {
         }
         let integral = self.law.predictive();
         let integral = integral.map_or(0.0, PredictiveLaw::drive_integral_torque);
-        let shown = (self.constants).shown(input.measured, motion, observed, integral);
+        let shown = (self.constants).shown(input.measured, motion, velocities, integral);
         self.following.update(&Shown {
             followed: matches!(self.state, Some(State::Follow(_))),
             // The position of a joint whose encoders contradict each other is the last one before.

@@ -194,8 +194,8 @@ impl Joint {
         let made = self.motor.k_1 * current;
         let late = (self.changes.as_ref()).map_or([torsion, made], |changes| changes.late);
         let share = dt / (dt + FAST_S);
-        let [torsion_late, made_late] = [(late[0], torsion), (late[1], made)]
-            .map(|(late, now)| late + share * (now - late));
+        let [torsion_late, made_late] =
+            [(late[0], torsion), (late[1], made)].map(|(late, now)| late + share * (now - late));
         let motor = self.motor.torque(made_late / self.motor.k_1, omega);
         let changes = self.changes.get_or_insert(Changes {
             late: [torsion, made],
