@@ -114,9 +114,7 @@ impl Limiter {
         flags: &mut u32,
     ) -> f64 {
         let change = self.limits.torque_rate * self.sample_period;
-        // A torque may fall, and end, at once: beyond that it rises to either side.
-        let last = self.last_torque;
-        let (mut low, mut high) = (last.min(0.0) - change, last.max(0.0) + change);
+        let (mut low, mut high) = (self.last_torque - change, self.last_torque + change);
         let resumes = self.resuming > 0 && held.is_none();
         self.resuming = self.resuming.saturating_sub(1);
         if resumes {
@@ -130,9 +128,12 @@ impl Limiter {
             (low, high) = (kept.min(0.0) - allowed, kept.max(0.0) + allowed);
         }
         let mut wanted = made.max(low).min(high);
-        if wanted != made {
+        if wanted != made && (resumes || wanted.abs() < made.abs()) {
             *flags |= command_flags::TORQUE_RATE_LIMITED;
             self.kept_back = made - wanted;
+        } else {
+            // A torque that falls is never held up.
+            wanted = made;
         }
         if wanted * motion.dq > self.limits.power {
             *flags |= command_flags::POWER_LIMITED;
