@@ -164,9 +164,6 @@ impl Joint {
         waves(of_link, self.q) + waves(of_motor, theta)
     }
 
-    pub(crate) fn tau_now(&self) -> f64 {
-        self.tau
-    }
     /// Angle and velocity of the link.
     pub(crate) fn link(&self) -> (f64, f64) {
         (self.q, self.dq)

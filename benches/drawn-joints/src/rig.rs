@@ -10,9 +10,6 @@ use robot_state::{Event, Mode, Reference};
 /// Time between cycles, s.
 pub(crate) const PERIOD: f64 = 1e-3;
 
-/// Events that say nothing of a joint: with which everything begins.
-const OF_STARTING: [Event; 0] = [];
-
 /// The loop, the joint and the client.
 pub(crate) struct Rig {
     cycle: Cycle,
@@ -105,35 +102,6 @@ impl Rig {
         self.cycle.step(at, &self.rx, &client, &mut self.tx);
         self.take();
         let record = self.cycle.record();
-        if let Ok(range) = std::env::var("DUMP") {
-            let (a, b) = range.split_once(',').unwrap();
-            let (a, b): (f64, f64) = (a.parse().unwrap(), b.parse().unwrap());
-            if self.time > a && self.time < b {
-                let m = &record.measured.joints[0];
-                let e = &record.estimated.joints[0];
-                let c = &record.commanded.joints[0];
-                let j = &self.robot.parameters.joints[0];
-                println!(
-                    "D {:.3} tau {:.2} enc {:.2} f{:x} motor {:.2} q {:.5} th/N {:.5} dq {:.3} om {:.3} cmd {:.5} tau_d {:.2} fl{:x} mode {} fault {} true_i {:.2} ferr {:.6}",
-                    self.time,
-                    self.joint.tau_now(),
-                    e.tau_encoder.tau,
-                    e.tau_encoder.flags,
-                    m.current * j.estimator.wave_generator.torque_constant * j.estimator.gear_ratio,
-                    m.q,
-                    m.theta / j.estimator.gear_ratio,
-                    m.dq,
-                    m.omega / j.estimator.gear_ratio,
-                    c.q_c,
-                    c.tau_d,
-                    c.flags,
-                    record.mode,
-                    record.fault,
-                    self.joint.drive.by_current(),
-                    c.following_error
-                );
-            }
-        }
         if self.fault.is_none() && record.fault != 0 {
             self.fault = Event::from_number(record.fault).map(|event| (event, self.time));
         }
@@ -191,7 +159,6 @@ impl Rig {
     pub(crate) fn events(&self) -> Vec<(Event, u64)> {
         let counts = self.cycle.record().events;
         (Event::ALL.iter())
-            .filter(|event| !OF_STARTING.contains(event))
             .map(|event| (*event, counts[event.index()]))
             .filter(|(_, count)| *count > 0)
             .collect()

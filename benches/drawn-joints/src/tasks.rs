@@ -100,9 +100,6 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     let [rise, overshoot] = step(&mut rig, drawn.catalogue.rated);
     let failed = end(&rig, "step", &mut figures);
     (figures.rise, figures.overshoot) = failing(failed, (rise, overshoot));
-
-    println!("HAND");
-    println!("HAND");
     let mut rig = begin(drawn, robot, Outside::Led(0.0))?;
     let [reversal, mean] = hand(&mut rig, drawn.catalogue.rated);
     let failed = end(&rig, "hand", &mut figures);
@@ -112,7 +109,6 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     }
 
     for (name, stiffness) in [("wall", WALL), ("block", BLOCK * drawn.gear.stiffness)] {
-        println!("MEETS {name}");
         let mut rig = begin(drawn, robot, Outside::Free)?;
         meets(&mut rig, drawn, stiffness);
         end(&rig, name, &mut figures);
@@ -338,7 +334,6 @@ fn rest(
         damping,
         one_sided,
     };
-    println!("REST {name}");
     let mut rig = begin(drawn, robot, if at == 2 { Outside::Free } else { spring })?;
     // A press into the wall, or a pose that lies a little beyond the spring.
     let press = 0.2 * drawn.catalogue.rated;

@@ -277,6 +277,26 @@ mod tests {
         assert!(found(|_| [5.0, 4.0], 0.0).is_some());
     }
 
+    /// A drive that speeds up, whose filtered velocity lags: its set-point by an observer is the one that was sent. What
+    /// neither shows is a following error all the same.
+    #[test]
+    fn a_velocity_that_an_observer_knows_sooner_is_no_following_error() {
+        let found = |late: f64, further: Option<[f64; 2]>| {
+            let mut following = Following::new(PARAMETERS);
+            (0..100).find_map(|_| {
+                following.note_sent(0.2);
+                let shown = shown([0.2 + late; 2], 0.0);
+                let found = following.update(&Shown { further, ..shown });
+                found.map(|(deviation, _)| deviation)
+            })
+        };
+        assert_eq!(found(-0.02, None), Some(Deviation::Following));
+        assert_eq!(found(-0.02, Some([0.02; 2])), None);
+        assert_eq!(found(-0.02, Some([0.5; 2])), Some(Deviation::Following));
+        // An observer that errs makes none.
+        assert_eq!(found(0.0, Some([0.5; 2])), None);
+    }
+
     #[test]
     fn a_position_that_is_not_known_any_more_is_no_following_error_and_a_current_is() {
         let found = |lead: f64| {

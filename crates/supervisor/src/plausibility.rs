@@ -44,10 +44,6 @@ pub struct PlausibilityParameters {
     pub friction: f64,
     /// Further change of the motor's torque that is no sign of motion, N·m.
     pub torque_margin: f64,
-    /// Torque of the rotor's inertia per velocity that it loses within the time by which velocities are late, N·m·s/rad.
-    pub braking: f64,
-    /// Way of the motor within a sample per velocity, s: motor side over link side.
-    pub way_per_velocity: f64,
     /// Greatest way of the motor within a sample, rad, at the end of which it can stand at once;
     /// infinite where a standstill is not judged.
     pub stop_way: f64,
@@ -312,8 +308,6 @@ mod tests {
         samples_to_doubt: 3,
         friction: 10.0,
         torque_margin: 4.0,
-        braking: 0.0,
-        way_per_velocity: 0.1,
         stop_way: 0.02,
         holds_itself: false,
         still: [0.0; 2],

@@ -9,6 +9,11 @@ use super::JointInput;
 use super::carry::{CarryParameters, smaller};
 use crate::mode::{Follow, Foresight, Impedance};
 
+/// Share of the torque limit that a drive's damping must make of a velocity by which a filter is late, before an observer
+/// is believed. Chosen on a simulated robot that shares no code (benches/drawn-joints): without it a hand at 0.5 rad/s is
+/// held up until the check of encoders faults. With half of it the simulated humanoid turns by 4.6 degrees as it steps.
+const LATE_SHARE: f64 = 0.2;
+
 #[derive(Debug, Clone)]
 pub(super) struct Constants {
     pub(super) drive: DriveModel,
@@ -92,6 +97,17 @@ impl Constants {
             followed: false,
             blind: false,
         }
+    }
+
+    /// The motor's velocity by an observer, rad/s, as far as its damping makes more than a share of the torque limit of
+    /// what the filter is late by; none of a drive that takes currents. Less is the observer's noise.
+    pub(super) fn quick_velocity(&self, observed: f64, motion: &Motion) -> Option<f64> {
+        let DriveModel::Position(drive) = &self.drive else {
+            return None;
+        };
+        let noise = LATE_SHARE * self.limits.torque * drive.k_tau_motor / drive.k_v.max(1e-9);
+        let late = observed - motion.dq;
+        Some(motion.dq + late - late.clamp(-noise, noise))
     }
 
     /// By the link side's encoder where there is one, else by the motor's, rad/s.

@@ -192,8 +192,9 @@ impl Controller {
         self.doubted |= self.is_motor_side_only() && is_doubtful;
         self.guard_hold(input);
         let asked = self.command(goal, &motion, input, commanded);
-        self.limiter
-            .judge_by(observed.or(after_gap).map(|[_, rotor]| rotor));
+        let after_gap = after_gap.map(|[_, rotor]| rotor);
+        let quick = observed.and_then(|[_, rotor]| self.constants.quick_velocity(rotor, &motion));
+        self.limiter.judge_by(after_gap.or(quick));
         let limited = self.limit(goal, asked, &motion, input);
         self.following.note_sent(limited.applied);
         commanded.following_error = self.following.error();

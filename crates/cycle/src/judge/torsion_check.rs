@@ -250,7 +250,7 @@ fn beyond_scale(error: f64, torque: f64) -> f64 {
 }
 
 /// An F/T sensor sits beyond the joint.
-fn bears_a_sensor(robot: &Robot, joint: &JointParameters) -> bool {
+pub(super) fn bears_a_sensor(robot: &Robot, joint: &JointParameters) -> bool {
     let model = &robot.model;
     let sensors = robot.parameters.ft_sensors.iter();
     let frames = sensors.filter_map(|ft| model.frame_index(&ft.sensor.frame));
@@ -306,6 +306,37 @@ mod tests {
         assert!(is_found(&mut after(BRIDGED), |_| 30.0));
         // Samples after a longer gap need not go on from those before it.
         assert!(!is_found(&mut after(BRIDGED + 1), |_| 30.0));
+    }
+
+    /// A hand speeds the joint up by 20 rad/s² within 5 ms: of the motor's torque the rotor takes 60 N·m, which velocities
+    /// show 8 ms late. An encoder that drifts by as much torque is found.
+    #[test]
+    fn a_rotor_that_a_hand_speeds_up_is_no_drift() {
+        let found = |drifts: bool| {
+            let mut joint = joint();
+            (joint.motor.inertia, joint.is_witnessed) = (3.0, false);
+            let acceleration = |k: f64| {
+                if (1000.0..1030.0).contains(&k) {
+                    20.0
+                } else {
+                    0.0
+                }
+            };
+            let mut velocities = [0.0; 2000];
+            for k in 1..2000 {
+                velocities[k] = velocities[k - 1] + 1e-3 * acceleration(k as f64);
+            }
+            (0..1990).any(|k| {
+                let late = velocities[usize::saturating_sub(k, 8)];
+                let rotor = 3.0 * acceleration(k as f64);
+                let drift = if drifts && k > 1000 { -60.0 } else { 0.0 };
+                let friction = if late > 0.0 { 4.0 } else { 0.0 };
+                let current = (rotor + friction) / 6.0;
+                joint.update(drift, Some(current), 100.0 * late, None, 1e-3)
+            })
+        };
+        assert!(!found(false));
+        assert!(found(true));
     }
 
     /// A gear of three quarters of the stiffness that is configured, whose torque jumps to and fro by up to two thirds of

@@ -44,8 +44,6 @@ const JUMP_SHARE: f64 = 0.5;
 /// Share of the torque limit by which the torque of a motor that stands still may change beyond what
 /// friction holds.
 const STANDSTILL_SHARE: f64 = 0.05;
-/// Samples by which measured velocities are late: half of a window of 16.
-const VELOCITY_LATE: f64 = 8.0;
 /// Following error from which on a drive does not follow: this share of the lead by which its
 /// stiffness makes the torque limit, and of the lead by which it makes a velocity. What the model of
 /// the drive and its friction explain stays below a third of it (measured, shipped robots); a drive
@@ -343,8 +341,6 @@ pub(super) fn plausibility(
         samples_to_trust: SAMPLES[0],
         samples_to_doubt: SAMPLES[1],
         friction,
-        braking: rotor / (VELOCITY_LATE * sample_period),
-        way_per_velocity: drive.gear_ratio * sample_period,
         holds_itself: drive.model.takes_position(),
         torque_margin: STANDSTILL_SHARE * limits.torque
             + NOISE_SIGMAS

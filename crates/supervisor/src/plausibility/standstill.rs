@@ -2,8 +2,7 @@
 //!
 //! In: what both encoders show, the motor's velocity some time ago and its torque. Out: whether it can stand. It cannot
 //! while its torque changes by more than friction holds, nor right after a motion that nothing could have ended within
-//! a sample. Then one or both encoders are flat, or the rotor is blocked. A rotor that has been braked until it stands
-//! needs no more torque for that: as much may end with the motion.
+//! a sample. Then one or both encoders are flat, or the rotor is blocked.
 
 use super::PlausibilityParameters;
 use crate::in_a_row::count_in_a_row;
@@ -52,8 +51,6 @@ pub(super) struct Standstill {
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
-    /// Velocity that it has lost before it came to stand, rad/s, link side: none where its encoder is flat all at once.
-    lost: f64,
     /// Samples in a row with a torque that would move it, or since it halted.
     pressed: u32,
 }
@@ -70,14 +67,11 @@ impl Standstill {
             Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
             last => {
                 let moving = last.filter(|last| in_a_row && last.pressed == 0);
-                let way = moving.map(|last| (sample.theta - last.from.theta).abs());
-                let kept = way.map_or(f64::INFINITY, |way| way / p.way_per_velocity);
-                let way = way.unwrap_or(0.0);
+                let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
                 Self {
                     from: sample,
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
-                    lost: (sample.velocity.abs() - kept).max(0.0),
                     pressed: 0,
                 }
             }
@@ -90,8 +84,7 @@ impl Standstill {
         let onwards = change * self.from.velocity > 0.0;
         let share = BREAKS_AWAY[usize::from(!(onwards && moved))];
         let is_judged = moved && sample.driven || !p.holds_itself;
-        let braked = if onwards { p.braking * self.lost } else { 0.0 };
-        let is_greater = change.abs() > share * p.friction + p.torque_margin + braked;
+        let is_greater = change.abs() > share * p.friction + p.torque_margin;
         count_in_a_row(&mut self.pressed, self.halted || is_judged && is_greater);
         self
     }
