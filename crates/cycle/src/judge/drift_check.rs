@@ -13,8 +13,7 @@
 //! `b` is what `e` was as the joint came to stand, and follows it slowly: creep of the gear and warming sensors are no
 //! news. While the joint stands friction hides from the current which source errs, and any of them does. When it has
 //! moved off, something that presses where no sensor measures it looks alike, but `e_1` is then that of friction; of an
-//! encoder that drifts it is `e - b`. The nearer of both is believed. Beyond some
-//! joints no F/T sensor sits: what they press on is in no `tau_whole_body`, so while they stand nothing is judged. A change that is faster than such a drift is a
+//! encoder that drifts it is `e - b`. The nearer of both is believed. A change that is faster than such a drift is a
 //! hand's or an impact, and begins the judgement anew, as does a joint that has come to stand elsewhere;
 //! [`TorsionCheck`](super::torsion_check) judges what is that fast.
 
@@ -23,7 +22,6 @@ use robot_state::Event;
 use supervisor::time_in_a_row;
 
 use super::motor::Motor;
-use super::torsion_check::bears_a_sensor;
 use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::estimate::{KINEMATIC_SLOPE, valid};
 use crate::events::Subject;
@@ -81,8 +79,6 @@ struct Stand {
 #[derive(Debug, Clone)]
 struct Joint {
     torque_limit: f64,
-    /// An F/T sensor sits beyond it, so that what touches its limb is measured.
-    is_witnessed: bool,
     /// Change that counts, N·m.
     least: f64,
     /// Error of the torque by torsion per angle, N·m/rad, and the way over which it grows, rad.
@@ -118,9 +114,7 @@ struct Sample {
 }
 
 pub(super) fn make(robot: &Robot) -> Box<dyn Check> {
-    of_each(robot, |joint| {
-        Joint::new(joint, bears_a_sensor(robot, joint))
-    })
+    of_each(robot, Joint::new)
 }
 
 impl JointCheck for Joint {
@@ -159,12 +153,11 @@ impl JointCheck for Joint {
 }
 
 impl Joint {
-    fn new(joint: &JointParameters, is_witnessed: bool) -> Self {
+    fn new(joint: &JointParameters) -> Self {
         let (e, limit) = (&joint.estimator, joint.limits.torque);
         let counts = (e.motor_resolution / e.gear_ratio).hypot(e.link_resolution);
         Self {
             torque_limit: limit,
-            is_witnessed,
             least: SHARE * limit + NOISE_COUNTS * e.compliance.k_fs0 * counts,
             error_per_angle: KINEMATIC_SLOPE * e.compliance.k_fs0,
             kinematic_way: KINEMATIC_WAY / joint.encoders.gear_ratio,
@@ -245,10 +238,7 @@ impl Joint {
             + SCALE * (change - self.least).max(0.0);
         let drift = errors.by_body - stand.level;
         let shown = errors.by_motor * drift.signum();
-        let is_drift = match has_left {
-            false => self.is_witnessed,
-            true => turns && shown > NEARER * drift.abs(),
-        };
+        let is_drift = !has_left || turns && shown > NEARER * drift.abs();
         let is_over = !settles && is_drift && drift.abs() > self.least + explained;
         time_in_a_row(&mut stand.over_s, is_over, dt) >= LASTS_S
     }
@@ -264,7 +254,6 @@ mod tests {
     fn joint() -> Joint {
         Joint {
             torque_limit: 100.0,
-            is_witnessed: true,
             least: 0.7,
             error_per_angle: 10.0,
             kinematic_way: 0.005,

@@ -250,7 +250,7 @@ fn beyond_scale(error: f64, torque: f64) -> f64 {
 }
 
 /// An F/T sensor sits beyond the joint.
-pub(super) fn bears_a_sensor(robot: &Robot, joint: &JointParameters) -> bool {
+fn bears_a_sensor(robot: &Robot, joint: &JointParameters) -> bool {
     let model = &robot.model;
     let sensors = robot.parameters.ft_sensors.iter();
     let frames = sensors.filter_map(|ft| model.frame_index(&ft.sensor.frame));
