@@ -13,6 +13,8 @@ use test_support::{ResultsPage, with_section};
 const HEADING: &str = "## Drawn joints of another structure";
 /// What stands between heading and tables.
 const INTRODUCTION: &str = include_str!("page.md");
+/// Tasks of a joint.
+const TASKS: usize = 9;
 /// The worst joints that a row names.
 const NAMED: usize = 3;
 
@@ -186,29 +188,30 @@ fn own_plant(page: &str, name: &str) -> [String; 2] {
 
 /// Tasks that ended before their time.
 fn faults(text: &mut String, all: &[(&Drawn, &Figures)]) {
-    let mut lines = Vec::new();
+    let mut lines = String::new();
+    let mut count = 0;
     for (drawn, figures) in all {
         for (task, event, _) in &figures.faults {
             let (number, name) = (event.number(), event.name());
-            lines.push(format!("{} ({task}: {number} `{name}`)", drawn.name));
+            let _ = writeln!(lines, "| {} | {task} | {number} `{name}` |", drawn.name);
+            count += 1;
         }
         for task in &figures.ended {
-            lines.push(format!("{} ({task}: the mode ended, no fault)", drawn.name));
+            let _ = writeln!(lines, "| {} | {task} | none: the mode ended |", drawn.name);
+            count += 1;
         }
     }
-    let tasks = 8 * all.len();
-    let _ = match lines.is_empty() {
-        true => writeln!(
+    let tasks = TASKS * all.len();
+    let _ = writeln!(
+        text,
+        "\n{count} of {tasks} tasks ended with a fault, or before their time; the aim is none."
+    );
+    if count > 0 {
+        let _ = write!(
             text,
-            "\nNone of {tasks} tasks ended with a fault, or before its time."
-        ),
-        false => writeln!(
-            text,
-            "\n{} of {tasks} tasks ended with a fault, or before their time: {}.",
-            lines.len(),
-            lines.join(", ")
-        ),
-    };
+            "\n| joint | task | fault |\n| --- | --- | --- |\n{lines}"
+        );
+    }
 }
 
 /// Events by name, and how many joints had them.
