@@ -63,7 +63,7 @@ pub(crate) struct Figures {
 /// How much is tried.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Extent {
-    /// Every so manieth frequency.
+    /// Only the first of so many frequencies.
     pub(crate) every: usize,
     /// Time of rest, s.
     pub(crate) rests: f64,
@@ -107,7 +107,6 @@ pub(crate) fn judge(drawn: &Drawn, robot: &Robot, extent: Extent) -> Result<Figu
     if extent.torque_only {
         return Ok(figures);
     }
-
     for (name, stiffness) in [("wall", WALL), ("block", BLOCK * drawn.gear.stiffness)] {
         let mut rig = begin(drawn, robot, Outside::Free)?;
         meets(&mut rig, drawn, stiffness);
@@ -151,7 +150,7 @@ fn end(rig: &Rig, task: &'static str, figures: &mut Figures) -> bool {
     rig.has_ended()
 }
 
-/// A cycle is the first one at which this time has passed.
+/// Cycles in this time, s.
 fn cycles(seconds: f64) -> usize {
     (seconds / PERIOD).round() as usize
 }
@@ -402,7 +401,7 @@ mod tests {
             );
             assert!(f.overshoot < 10.0 && f.reversal < 60.0, "{name}: {f:?}");
             assert!(f.rest.iter().all(|swing| *swing < 1.5), "{name}: {f:?}");
-            // The wall was met, and the joint did move.
+            // A torque that never changes by a count is that of a joint that is not simulated.
             assert!(f.rest.iter().all(|swing| *swing > 0.0), "{name}: {f:?}");
         }
     }
