@@ -4,7 +4,7 @@ use crate::cases::{cases, parallel};
 use crate::scenario::{VELOCITIES, blocked, moved};
 use crate::{bristles, rows, tables};
 use std::path::Path;
-use test_support::ResultsPage;
+use test_support::{ResultsPage, section};
 
 /// Runs everything and writes the page and its picture.
 ///
@@ -39,9 +39,15 @@ pub(crate) fn write(out: &Path, joints_only: bool) -> Result<(), String> {
     let picture = tables::figure(&all, &blocked).write(&out.join("torque-control.svg"));
     picture.map_err(|e| e.to_string())?;
     let path = out.join("torque-control.md");
-    let page = format!("{HEAD}{AIMS}{aims}{NOTES}{tables}");
+    // Another bench's part of the page stays; a page that is written for the first time has none.
+    let before = std::fs::read_to_string(&path).unwrap_or_default();
+    let drawn = section(&before, DRAWN_JOINTS);
+    let page = format!("{HEAD}{AIMS}{aims}{NOTES}{drawn}{tables}");
     ResultsPage::new(&page)?.write(&path)
 }
+
+/// Heading of the part that `drawn-joints-bench` writes.
+const DRAWN_JOINTS: &str = "## Drawn joints of another structure";
 
 const HEAD: &str = "\
 # Torque control: results

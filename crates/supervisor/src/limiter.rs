@@ -178,8 +178,8 @@ impl Limiter {
         self.torque
     }
 
-    /// Link-side velocity of the motor, rad/s, by an observer that has found it again after a gap; none: that of the
-    /// motion, by a filter whose window may contain the gap. The rate of a position drive's torque is judged by it.
+    /// Link-side velocity of the motor, rad/s, by an observer; none: that of the motion. The rate of a position drive's
+    /// torque is judged by it: the filter of the measured velocity is late, or has a gap in its window.
     pub fn judge_by(&mut self, motor_velocity: Option<f64>) {
         self.motor_velocity = motor_velocity.filter(|omega| omega.is_finite());
     }

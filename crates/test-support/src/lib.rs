@@ -5,6 +5,7 @@
 
 mod allocation;
 mod nodes;
+mod page_section;
 mod project;
 mod random;
 mod results_page;
@@ -12,6 +13,7 @@ mod temporary_directory;
 
 pub use allocation::allocations;
 pub use nodes::with_canopen_nodes;
+pub use page_section::{section, with_section};
 pub use project::{judged_motion, project_path, read_project_file, read_with_drives_always_on};
 pub use random::Random;
 pub use results_page::ResultsPage;
