@@ -63,18 +63,11 @@ impl Constants {
         &self,
         measured: &JointMeasured,
         motion: &Motion,
-        (after_gap, observed): (Option<[f64; 2]>, Option<[f64; 2]>),
+        after_gap: Option<[f64; 2]>,
         integral: f64,
     ) -> Shown {
         let filtered = [measured.dq, measured.omega / self.gear_ratio];
         let [dq, omega] = after_gap.unwrap_or(filtered);
-        let further = match &self.drive {
-            DriveModel::Position(drive) => observed.map(|[link, rotor]| {
-                let of_link = self.velocity(link, rotor) - self.velocity(dq, omega);
-                [rotor - omega, of_link].map(|change| drive.k_v * change)
-            }),
-            DriveModel::Current(_) => None,
-        };
         let (set_points, lead, lag) = match &self.drive {
             DriveModel::Position(drive) => {
                 let tau = self.torque_per_current * measured.current - integral;
@@ -90,7 +83,6 @@ impl Constants {
         };
         Shown {
             set_points,
-            further,
             velocity: motion.dq,
             motor_velocity: omega,
             lead,

@@ -186,14 +186,14 @@ impl Controller {
         };
         self.law.observe(&self.constants, &motion, input);
         let after_gap = (self.law.predictive()).and_then(PredictiveLaw::velocities_after_gap);
-        let observed = self.observed_velocities();
-        let deviation = self.deviation(&motion, (after_gap, observed), input);
+        let deviation = self.deviation(&motion, after_gap, input);
         let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
         self.doubted |= self.is_motor_side_only() && is_doubtful;
         self.guard_hold(input);
         let asked = self.command(goal, &motion, input, commanded);
         let after_gap = after_gap.map(|[_, rotor]| rotor);
-        let quick = observed.and_then(|[_, rotor]| self.constants.quick_velocity(rotor, &motion));
+        let quick =
+            (self.observed_rotor()).and_then(|rotor| self.constants.quick_velocity(rotor, &motion));
         self.limiter.judge_by(after_gap.or(quick));
         let limited = self.limit(goal, asked, &motion, input);
         self.following.note_sent(limited.applied);
@@ -232,21 +232,19 @@ impl Controller {
         }
     }
 
-    /// Velocities of link and rotor by the law's observers, rad/s, while it makes the command: the filters of the measured
-    /// ones are 8 ms late, in which a hand changes the torque of a stiff drive's damping by more than the drive may
-    /// deviate.
-    fn observed_velocities(&self) -> Option<[f64; 2]> {
-        let law = self.law.predictive()?;
-        let follows = matches!(self.state, Some(State::Follow(_)));
-        law.velocities().filter(|_| follows)
+    /// Velocity of the rotor by the law's observer, link side, rad/s, while it makes the command: the filter of the measured
+    /// one is 8 ms late, in which a hand changes the torque of a stiff drive's damping by more than may change in a cycle.
+    fn observed_rotor(&self) -> Option<f64> {
+        let [_, rotor] = self.law.predictive()?.velocities()?;
+        matches!(self.state, Some(State::Follow(_))).then_some(rotor)
     }
 
-    /// How the drive deviates from its commands, and whether that begins; `velocities`: of link and rotor after a gap,
-    /// that no filter knows yet, and by observers, rad/s.
+    /// How the drive deviates from its commands, and whether that begins; `after_gap`: velocities of link and rotor
+    /// that no filter knows yet, rad/s.
     fn deviation(
         &mut self,
         motion: &Motion,
-        velocities: (Option<[f64; 2]>, Option<[f64; 2]>),
+        after_gap: Option<[f64; 2]>,
         input: &JointInput<'_>,
     ) -> Option<(Deviation, bool)> {
         if input.measured.flags & measured_flags::MISSED != 0 {
@@ -254,7 +252,7 @@ impl Controller {
         }
         let integral = self.law.predictive();
         let integral = integral.map_or(0.0, PredictiveLaw::drive_integral_torque);
-        let shown = (self.constants).shown(input.measured, motion, velocities, integral);
+        let shown = (self.constants).shown(input.measured, motion, after_gap, integral);
         self.following.update(&Shown {
             followed: matches!(self.state, Some(State::Follow(_))),
             // The position of a joint whose encoders contradict each other is the last one before.

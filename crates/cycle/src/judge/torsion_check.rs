@@ -11,8 +11,9 @@
 //! e_2 = T - tau_hat                                              by F/T sensors and model
 //! ```
 //!
-//! Torsion and current are taken as late as the velocity is: a rotor that a hand turns round or a wall stops has torques
-//! of inertia and friction beyond those that count, which at another instant would stand alone.
+//! Without `tau_hat`, torsion and current are taken as late as the velocity is: a rotor that a hand turns round or a wall
+//! stops has torques of inertia and friction beyond those that count, which at another instant would stand alone. Where
+//! both must change alike, a drift is found sooner without the delay.
 //!
 //! A change counts from before it began: samples that are not used, as one of a foot that is put down hard may
 //! look like an encoder's step, are bridged; to begin anew amid the impact would make its end a change.
@@ -193,7 +194,11 @@ impl Joint {
         let omega = omega / self.motor.gear_ratio;
         let made = self.motor.k_1 * current;
         let late = (self.changes.as_ref()).map_or([torsion, made], |changes| changes.late);
-        let share = dt / (dt + FAST_S);
+        let share = if hat.is_some() {
+            1.0
+        } else {
+            dt / (dt + FAST_S)
+        };
         let [torsion_late, made_late] =
             [(late[0], torsion), (late[1], made)].map(|(late, now)| late + share * (now - late));
         let motor = made_late + self.motor.torque(0.0, omega);
