@@ -88,8 +88,8 @@ impl Drawn {
         };
         let bearing = bearing(r, c, link);
         let structure = format!(
-            "{:?} core, {} slip elements in the gear, {} in the friction, {}{} drive at {:.0} us, {:?}, order {}{}",
-            gear.core,
+            "{} core, {} slip elements in the gear, {} in the friction, {}{} drive at {:.0} us, velocity by {}, order {}{}",
+            gear.core.name(),
             gear.elements.len(),
             friction.count(),
             if cogging > 0.0 { "cogging, " } else { "" },
@@ -99,7 +99,7 @@ impl Drawn {
                 "no dead zone,"
             },
             drive.every as f64 * DT * 1e6,
-            drive.velocity,
+            drive.velocity.name(),
             drive.order,
             if drive.late { ", a sample late" } else { "" },
         );

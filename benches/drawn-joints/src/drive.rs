@@ -12,6 +12,15 @@ pub(crate) enum Velocity {
     LowPass(f64),
 }
 
+impl Velocity {
+    pub(crate) fn name(self) -> String {
+        match self {
+            Self::Difference(over) => format!("{over} samples"),
+            Self::LowPass(time) => format!("a low-pass of {:.2} ms", 1e3 * time),
+        }
+    }
+}
+
 /// Sizes of a drive.
 #[derive(Debug, Clone)]
 pub(crate) struct Sizes {

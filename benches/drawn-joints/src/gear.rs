@@ -14,6 +14,15 @@ pub(crate) enum Core {
     Arc,
 }
 
+impl Core {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Root => "root",
+            Self::Arc => "arctangent",
+        }
+    }
+}
+
 /// A spring that slips, link side.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Element {
