@@ -137,7 +137,7 @@ def test_drives_stop_by_themselves_before_they_are_off(robot_program, tmp_path):
             result = leg.inject("ft_fz - 1e7", window_s=1.0, before_s=2.0)
             states = leg.robot.truth()[:, 8::7]
             result.told = " ".join(
-                name + "".join(f" {int(state)}" for state, _ in itertools.groupby(states[-500:, j]))
+                name + "".join(f" {int(state)}" for state, _ in itertools.groupby(states[-750:, j]))
                 for j, name in enumerate(JOINTS)
             )
             return result

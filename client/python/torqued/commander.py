@@ -420,26 +420,26 @@ class Commander:
         self._judge()
         if self._standing != _Standing.COMMANDING or self._references is None:
             return
-        kept = self.reference
-        self.reference = copied(kept)
+        # The program may read its own reference at any time, so that what is sent is another one.
+        sent = copied(self.reference)
+        change(sent)
+        if sent.mode != self.reference.mode:
+            self._mode_from = None  # the program's mode begins anew with its next reference
         try:
-            change(self.reference)
-            if self.reference.mode != kept.mode:
-                self._mode_from = None  # the program's mode begins anew with its next reference
-            self._publish()
+            self._publish(sent)
         except NoDaemonError:
             pass  # an error of the program's next call
         finally:
-            kept.sequence, kept.sent_ns = self.reference.sequence, self.reference.sent_ns
-            self.reference = kept
+            self.reference.sequence, self.reference.sent_ns = sent.sequence, sent.sent_ns
 
-    def _publish(self) -> None:
+    def _publish(self, reference: Reference | None = None) -> None:
+        reference = self.reference if reference is None else reference
         if self._references is None:
             raise CommandLostError(f'robot "{self._robot}": this commander was closed')
         with self._lock:
-            self.reference.sequence += 1
-            self.reference.sent_ns = time.monotonic_ns()
-            sample = self._references.loan_uninit().write_payload(self.reference)
+            reference.sequence += 1
+            reference.sent_ns = time.monotonic_ns()
+            sample = self._references.loan_uninit().write_payload(reference)
             listeners = sample.send()
         if listeners == 0:
             raise NoDaemonError("references have no receiver; torqued has stopped or was killed")
