@@ -2,7 +2,8 @@
 //!
 //! In: newest angles and velocities of the joints, a desired pose, which feet stand on the ground and where up is in
 //! their axes. Out: torques, and the wrenches of the ground that they count on. The feet stand still, so the joints
-//! alone show how base and centre of mass move: nothing of it is late by a filter, and no wrench is measured.
+//! show how base and centre of mass move: nothing of it is late by a filter, and no wrench is measured. A gyroscope shows
+//! how the feet roll where the ground gives way.
 //!
 //! 1. The centre of mass is to be over the middle of the soles: a linear inverted pendulum, whose centre of pressure
 //!    stays within the soles. The base is to be turned as the desired pose has it.

@@ -2,9 +2,9 @@
 //!
 //! Legs follow the torques of [`control::Balance`] and no spring of their own; all other joints follow `q_d dq_d ddq_d`
 //! as in mode inverse dynamics, and legs that bear nothing as well. What is fast in the torques follows from the joints'
-//! angles alone. F/T sensors and IMU show slowly which feet bear the robot and where up is. Nothing else of them enters:
-//! the torque that is fed back is that by torsion, on the level that F/T sensors had shown when the mode began, and what
-//! they show since then as far as a gear explains it. A leg has no spring: an F/T sensor that steps by 10 N·m, and is
+//! angles, and by a quarter of a degree from the gyroscope, which shows how feet roll. F/T sensors and IMU show slowly which
+//! feet bear the robot and where up is. Nothing else of them enters: the torque that is fed back is that by torsion, on the
+//! level that F/T sensors had shown when the mode began, and what they show since then as far as a gear explains it. A leg has no spring: an F/T sensor that steps by 10 N·m, and is
 //! believed, moves it by 6 degrees.
 
 mod footing;

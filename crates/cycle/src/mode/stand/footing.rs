@@ -10,8 +10,8 @@ use supervisor::time_in_a_row;
 
 use crate::mode::{RigidBody, Unfit};
 
-/// Time for which a foot may bear nothing, or something in the air, s: in a push it may be lighter than [`control::Balance`] wants it. Chosen on
-/// the simulated humanoid, pushed by 60 N.
+/// Time for which a foot may bear nothing, or something in the air, s: in a push it may be lighter than
+/// [`control::Balance`] wants it. Chosen on the simulated humanoid, pushed by 60 N.
 const LIFTED_S: f64 = 0.2;
 /// Time for which a foot must have stood until where up is in its axes is not taken anew, s: up is a mean since then.
 /// Chosen; no experiment recorded.
@@ -176,16 +176,8 @@ impl Footing {
                         lost |= 1 << foot.sensor;
                     }
                 }
-            } else if let Some((up, height)) = near(k) {
-                let (touches, is_near) = (load > TOUCHES, height.abs() < NEAR_M);
-                let in_air = foot.was_lifted && touches && !is_near;
-                if time_in_a_row(&mut foot.contradicts_s, in_air, dt) > LIFTED_S {
-                    lost |= 1 << foot.sensor;
-                }
-                if touches && is_near && !foot.lifts {
-                    (foot.stands, foot.bears, foot.contradicts_s) = (true, COMES_WITH, 0.0);
-                    (foot.up, foot.first_up, foot.by_others) = (up, up, true);
-                }
+            } else if foot.hang(near(k), load, dt) {
+                lost |= 1 << foot.sensor;
             }
             if let Some(under) = under.filter(|_| foot.stands)
                 && body.stands_for(foot.sensor) >= KNOWN_S
@@ -239,6 +231,21 @@ impl Footing {
 }
 
 impl Foot {
+    /// A cycle passes in which it does not stand: it may come down. Whether its sensor has felt the ground in the air.
+    fn hang(&mut self, near: Option<(Vector3<f64>, f64)>, load: f64, dt: f64) -> bool {
+        let Some((up, height)) = near else {
+            return false;
+        };
+        let (touches, is_near) = (load > TOUCHES, height.abs() < NEAR_M);
+        let in_air = self.was_lifted && touches && !is_near;
+        let contradicts_s = time_in_a_row(&mut self.contradicts_s, in_air, dt);
+        if touches && is_near && !self.lifts {
+            (self.stands, self.bears, self.contradicts_s) = (true, COMES_WITH, 0.0);
+            (self.up, self.first_up, self.by_others) = (up, up, true);
+        }
+        contradicts_s > LIFTED_S
+    }
+
     /// A cycle passes in which it stands: with the reserve of the others, its share of the weight, and the time for which
     /// it bears.
     fn stand(&mut self, under: Option<Vector3<f64>>, [reserve, load, stands_s]: [f64; 3], dt: f64) {
