@@ -1,4 +1,5 @@
-//! What a user would configure of a drawn joint: every size wrong by up to 15 %, K_s as `torquectl check` allows it.
+//! Configuration of a drawn joint, as a user would write it: every size wrong by up to 15 %, K_s as `torquectl check`
+//! allows it.
 
 use crate::draw::Drawn;
 use crate::plant::{DT, Waves};
@@ -36,7 +37,7 @@ struct Known {
     kinematic: [Waves; 2],
 }
 
-/// What is configured of the bristles.
+/// Configuration of the bristles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Bristles {
     /// `presliding_rad`, wrong as all other sizes.

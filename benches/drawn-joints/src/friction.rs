@@ -4,7 +4,7 @@
 //! it sticks again where the velocity changes its sign. The level falls with velocity (Stribeck), grows with the gear's
 //! torque, and depends on direction and position.
 
-/// What the level depends on besides.
+/// Dependence of the level on load, direction and position.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Dependence {
     /// Share of the gear's torque.

@@ -11,7 +11,7 @@ use test_support::{ResultsPage, with_section};
 
 /// Heading of the part.
 const HEADING: &str = "## Drawn joints of another structure";
-/// What stands between heading and tables.
+/// Text between heading and tables.
 const INTRODUCTION: &str = include_str!("page.md");
 /// Tasks of a joint.
 const TASKS: usize = 9;

@@ -67,7 +67,7 @@ pub(crate) struct Mechanism {
     pub(crate) cogging: Waves,
 }
 
-/// What sensors make of angles and current.
+/// Errors of the sensors of angles and current.
 #[derive(Debug, Clone)]
 pub(crate) struct Sensors {
     /// Eccentricity of the link's and the motor's encoder, rad of their own turn.
@@ -169,7 +169,7 @@ impl Joint {
         (self.q, self.dq)
     }
 
-    /// What the encoders and the current's sensor read now, before counts.
+    /// Readings of the encoders and the current's sensor now, before counts.
     pub(crate) fn read(&mut self) -> Reading {
         let s = &self.sensors;
         let theta = self.mechanism.ratio * self.motor;

@@ -36,7 +36,7 @@ const NOTICED: f64 = 0.3;
 const STARTS: f64 = 4.0;
 const BRAKES: f64 = 20.0;
 
-/// What a task has shown.
+/// Outcome of a task.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Figures {
     /// Blocked, -3 dB at 2 % and 20 % of rated, Hz, absolute and over the gain at 1 Hz.

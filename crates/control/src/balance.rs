@@ -65,7 +65,7 @@ struct Foot {
     lifts: bool,
     /// Up in its sensor's axes in this cycle, if it stands.
     up: Option<Vector3<f64>>,
-    /// The same when it first stood, and how far it was turned against the others when it was put down, rad.
+    /// Up in its sensor's axes when it first stood, and its turn against the others when it was put down, rad.
     first_up: Option<Vector3<f64>>,
     put_down: Option<f64>,
     /// Joints between the base and the foot, in the order of the model.

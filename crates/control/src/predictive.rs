@@ -170,10 +170,10 @@ impl PredictiveLaw {
         settling.then(|| [self.link.velocity(), self.rotor.omega])
     }
 
-    /// dq and omega: velocities of link and rotor, on the link side, rad/s; none before the first sample.
+    /// omega: velocity of the rotor, link side, rad/s; none before the first sample.
     #[must_use]
-    pub fn velocities(&self) -> Option<[f64; 2]> {
-        (self.started).then(|| [self.link.velocity(), self.rotor.omega])
+    pub fn rotor_velocity(&self) -> Option<f64> {
+        self.started.then_some(self.rotor.omega)
     }
 
     /// d: torque on the rotor that the drive's model does not explain, N·m.

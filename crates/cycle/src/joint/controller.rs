@@ -235,8 +235,8 @@ impl Controller {
     /// Velocity of the rotor by the law's observer, link side, rad/s, while it makes the command: the filter of the measured
     /// one is 8 ms late, in which a hand changes the torque of a stiff drive's damping by more than may change in a cycle.
     fn observed_rotor(&self) -> Option<f64> {
-        let [_, rotor] = self.law.predictive()?.velocities()?;
-        matches!(self.state, Some(State::Follow(_))).then_some(rotor)
+        let rotor = self.law.predictive()?.rotor_velocity();
+        rotor.filter(|_| matches!(self.state, Some(State::Follow(_))))
     }
 
     /// How the drive deviates from its commands, and whether that begins; `after_gap`: velocities of link and rotor

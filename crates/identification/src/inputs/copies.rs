@@ -67,8 +67,8 @@ pub(super) fn found(
         let Explained { rest, own, noise } = explained;
         // The coarse steps of an encoder are no noise, but no motion either.
         let alike = alike(&second(from));
-        let told = alike < NOISY || (alike < ROUGH && rest < EXACT * own);
-        if rest < most && noise < WITHOUT_NOISE && told {
+        let is_smooth = alike < NOISY || (alike < ROUGH && rest < EXACT * own);
+        if rest < most && noise < WITHOUT_NOISE && is_smooth {
             out.push(Finding {
                 defect: Defect::Computed,
                 severity: Severity::Refused,
