@@ -25,6 +25,8 @@ pub(super) struct Constants {
     pub(super) has_link_encoder: bool,
     /// Motor torque per current, link side, N·m/A.
     pub(super) torque_per_current: f64,
+    /// Way of the rotor within a sample period for a torque from rest, link side, rad/(N·m).
+    pub(super) way_per_torque: f64,
     /// Greatest |dq| in mode torque, rad/s.
     pub(super) torque_velocity: f64,
     /// Friction that the loop adds in mode torque, N·m.
@@ -65,10 +67,11 @@ impl Constants {
         motion: &Motion,
         after_gap: Option<[f64; 2]>,
         integral: f64,
+        period: f64,
     ) -> Shown {
         let filtered = [measured.dq, measured.omega / self.gear_ratio];
         let [dq, omega] = after_gap.unwrap_or(filtered);
-        let (set_points, lead, lag) = match &self.drive {
+        let (set_points, lead, lag, torque_way) = match &self.drive {
             DriveModel::Position(drive) => {
                 let tau = self.torque_per_current * measured.current - integral;
                 let lead = drive.k_tau_motor * tau;
@@ -77,9 +80,9 @@ impl Constants {
                     motion.theta + lead + drive.k_v * omega,
                     motion.q + drive.k_tau * tau + drive.k_v * self.velocity(dq, omega),
                 ];
-                (set_points, lead, drive.k_v * omega)
+                (set_points, lead, drive.k_v * omega, self.way_per_torque * tau)
             }
-            DriveModel::Current(_) => ([measured.current; 2], 0.0, 0.0),
+            DriveModel::Current(_) => ([measured.current; 2], 0.0, 0.0, 0.0),
         };
         Shown {
             set_points,
@@ -87,6 +90,9 @@ impl Constants {
             motor_velocity: omega,
             lead,
             lag,
+            angles: [motion.theta, motion.q],
+            torque_way,
+            period,
             followed: false,
             blind: false,
         }

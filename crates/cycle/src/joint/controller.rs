@@ -87,6 +87,7 @@ impl Controller {
                 has_link_encoder: joint.has_link_encoder,
                 torque_per_current: joint.encoders.gear_ratio
                     * joint.estimator.wave_generator.torque_constant,
+                way_per_torque: joint.rotor_way_per_torque(parameters.timing.sample_period),
                 torque_velocity: joint.torque_velocity,
                 rest_friction: rest::friction(joint, parameters),
                 let_go_friction: rest::friction_let_go(joint, parameters),
@@ -248,11 +249,12 @@ impl Controller {
         input: &JointInput<'_>,
     ) -> Option<(Deviation, bool)> {
         if input.measured.flags & measured_flags::MISSED != 0 {
+            self.following.miss();
             return None;
         }
         let integral = self.law.predictive();
         let integral = integral.map_or(0.0, PredictiveLaw::drive_integral_torque);
-        let shown = (self.constants).shown(input.measured, motion, after_gap, integral);
+        let shown = (self.constants).shown(input.measured, motion, after_gap, integral, input.dt);
         self.following.update(&Shown {
             followed: matches!(self.state, Some(State::Follow(_))),
             // The position of a joint whose encoders contradict each other is the last one before.

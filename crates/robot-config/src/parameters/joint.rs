@@ -128,7 +128,23 @@ impl JointParameters {
     /// Acceleration that the torque limit gives the joint with the robot stretched out, rad/s².
     #[must_use]
     pub fn acceleration(&self) -> f64 {
-        let rotor = self.rotor_inertia * self.encoders.gear_ratio.powi(2);
-        self.limits.torque / (rotor + self.link_inertia)
+        self.limits.torque / (self.rotor_inertia_on_link_side() + self.link_inertia)
+    }
+
+    /// Way that a torque of the motor makes of its rotor within a time from rest, link side, rad/(N·m); the gear gives
+    /// way meanwhile. `time`: s.
+    #[must_use]
+    pub fn rotor_way_per_torque(&self, time: f64) -> f64 {
+        let inertia = self.rotor_inertia_on_link_side();
+        if inertia > 0.0 {
+            0.5 * time * time / inertia
+        } else {
+            0.0
+        }
+    }
+
+    /// N² J, kg·m².
+    fn rotor_inertia_on_link_side(&self) -> f64 {
+        self.rotor_inertia * self.encoders.gear_ratio.powi(2)
     }
 }
