@@ -23,8 +23,8 @@ struct Arguments {
     /// All runs as JSON, one line each, to this file
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Only scenarios with this text in their names, of pairs those with it in either; prints the runs and
-    /// writes no page
+    /// Only scenarios with this text in their names, of pairs those with it in either, "A + B" with both;
+    /// prints the runs and writes no page
     #[arg(long)]
     only: Option<String>,
     /// Only this robot: leg, hrp2-like or humanoid; prints the runs and writes no page
@@ -201,7 +201,13 @@ fn work_on_pairs(
     const SHOWN: usize = 20;
     let mut pairs = draw(prepared, count, arguments.seed);
     if let Some(text) = &arguments.only {
-        pairs.retain(|(_, pair)| pair.scenarios.iter().any(|s| s.name.contains(text)));
+        pairs.retain(|(_, pair)| {
+            let named = |text| pair.scenarios.iter().any(|s| s.name.contains(text));
+            text.split(" + ").all(named)
+        });
+        if pairs.is_empty() {
+            return Err(format!("of {count} pairs none has {text:?} in its names"));
+        }
     }
     let keys: BTreeMap<(usize, Start), &Pair> = pairs
         .iter()

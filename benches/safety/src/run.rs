@@ -36,7 +36,7 @@ const RECOVERY: usize = 400;
 const DISPLACEMENT: f64 = PI / 180.0;
 const SPEED_SHARE: f64 = 0.1;
 /// Share of the velocity limit that a drive which follows something else may reach before it is off.
-const STRAYING_SHARE: f64 = 0.45;
+const STRAYING_SHARE: f64 = 0.35;
 const STEP_SHARE: f64 = 0.05;
 /// Excess over set-points that stay as they are before a reaction counts as making it worse.
 const PHYSICS_MARGIN: f64 = 1.1;

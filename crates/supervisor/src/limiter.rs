@@ -56,6 +56,12 @@ const RATE_NOTABLE_CYCLES: i32 = 5;
 /// Chosen; no experiment recorded.
 const YIELD_SPEED: f64 = 0.03;
 
+/// Greatest velocity at which a drive that takes currents leads a joint back that is beyond its position limits, share of
+/// the velocity limit; and how far beyond, over the way from which on it is as fast as that. Further out it is kept from
+/// going on, but not led back: an encoder that lies by a radian must not move it. Chosen; no experiment recorded.
+const RETURN_SHARE: f64 = 0.05;
+const RETURN_DEPTH: f64 = 3.0;
+
 /// Skipped periods from which on the loop resumes slowly, and the cycles for which it does, of position and of current
 /// drives: a position drive brakes while its set-point stands, and must not be kept from following again.
 const RESUMED_FROM: u32 = 5;
@@ -87,6 +93,8 @@ pub struct Limiter {
     controlled: bool,
     /// Velocity of the motor where it is known better than by its encoder's filter, rad/s.
     motor_velocity: Option<f64>,
+    /// Share of the velocity limit at which a current may lead a joint back into its position limits.
+    return_share: f64,
     /// Torque by which the rate limit keeps this cycle's command back, N·m, and cycles in a row to this side (sign).
     kept_back: f64,
     keeps_back: i32,
@@ -108,6 +116,7 @@ impl Limiter {
             resuming: 0,
             controlled: false,
             motor_velocity: None,
+            return_share: RETURN_SHARE,
             kept_back: 0.0,
             keeps_back: 0,
         }
@@ -190,7 +199,8 @@ impl Limiter {
         self.limited(asked, motion, None)
     }
 
-    /// What may be sent instead of a current that brakes in a fault, which the rate limit must not hold back.
+    /// What may be sent instead of a current that brakes in a fault, which the rate limit must not hold back. A joint
+    /// beyond its position limits is kept from going further, and is not led back.
     pub fn stop(&mut self, asked: f64, motion: &Motion) -> Limited {
         if let DriveModel::Current(drive) = &self.drive
             && asked.is_finite()
@@ -198,7 +208,10 @@ impl Limiter {
             let limit = self.limits.torque;
             self.last_torque = (drive.k_1 * asked).clamp(-limit, limit);
         }
-        self.limit(asked, motion)
+        self.return_share = 0.0;
+        let limited = self.limit(asked, motion);
+        self.return_share = RETURN_SHARE;
+        limited
     }
 
     /// What may be sent instead of a set-point that holds: it gives way to a load by a small angle, and stays where
@@ -257,8 +270,8 @@ impl Limiter {
     }
 
     /// Greatest velocity towards each end, down and up, rad/s: the limit, less where the distance
-    /// that is left asks for braking; beyond the end none, and for a current-commanded drive the
-    /// negative of the velocity with which it is to return.
+    /// that is left asks for braking; beyond the end none, and for a current-commanded drive close
+    /// to it the negative of the velocity with which it is to return.
     fn allowed_velocity(&self, position: f64) -> (f64, f64) {
         let Limits {
             position_min,
@@ -272,7 +285,8 @@ impl Limiter {
         let lost = deceleration * braking.time;
         let towards = |room: f64| {
             if room < 0.0 {
-                return (room / braking.return_time).max(-velocity);
+                let (back, most) = (-room / braking.return_time, self.return_share * velocity);
+                return if back < RETURN_DEPTH * most { -back.min(most) } else { 0.0 };
             }
             ((lost * lost + 2.0 * deceleration * room).sqrt() - lost).clamp(0.0, velocity)
         };
