@@ -145,12 +145,6 @@ pub fn run_pair(
     for k in 0..observed(place.start) {
         rig.step(Some((&mut act, k)));
         motion.take(&rig);
-        if std::env::var_os("PAIR_TRACE").is_some() {
-            let r = rig.cycle.record();
-            let j = std::env::var("PAIR_TRACE").unwrap().parse::<usize>().unwrap_or(place.joint);
-            let t = &rig.plant.truth().joints[j];
-            eprintln!("{k} st={:?} fault={} q={:.4} dq={:.3} meas={:.4} dqm={:.3} i={:.2} qc={:.4} ic={:.2} fl={:x} cf={:x}", r.state, r.fault, t.q, t.dq, r.measured.joints[j].q, r.measured.joints[j].dq, r.measured.joints[j].current, r.commanded.joints[j].q_c, r.commanded.joints[j].current_c, r.measured.joints[j].flags, r.commanded.joints[j].flags);
-        }
     }
     let joints = &rig.robot.parameters.joints;
     Ok(PairOutcome {

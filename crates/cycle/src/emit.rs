@@ -211,7 +211,8 @@ impl Emit {
             return;
         };
         joint.driven |= driven;
-        if driven || state != DriveState::Enabled {
+        // Somebody else's words may enable a drive again and again.
+        if driven || state != DriveState::Enabled && joint.off >= self.runs_limit {
             (joint.deaf, joint.left_at) = (0, angle);
             return;
         }
