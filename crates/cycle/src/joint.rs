@@ -25,6 +25,7 @@ mod law;
 mod level_correction;
 mod rest;
 mod resynchronisation;
+mod sample_gap;
 mod transition;
 
 use problem::Problem;

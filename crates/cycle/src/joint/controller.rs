@@ -13,6 +13,7 @@ use super::hold_guard::HoldGuard;
 use super::law::{Desired, Law};
 use super::rest::{self, Rest};
 use super::resynchronisation::Resynchronisation;
+use super::sample_gap::{Known, SampleGap};
 use super::transition::{Stop, Transition};
 use super::{Gap, JointInput, Trust};
 use crate::measure::NOT_USED;
@@ -62,6 +63,7 @@ pub(super) struct Controller {
     constants: Constants,
     limiter: Limiter,
     following: Following,
+    sample_gap: SampleGap,
     law: Law,
     /// The drive is known to be unlike its model.
     mismatches: bool,
@@ -99,6 +101,7 @@ impl Controller {
                 joint.drive_model,
                 parameters.timing.sample_period,
             ),
+            sample_gap: SampleGap::default(),
             law: Law::new(index, parameters)?,
             mismatches: false,
             integrates: false,
@@ -250,8 +253,19 @@ impl Controller {
     ) -> Option<(Deviation, bool)> {
         if input.measured.flags & measured_flags::MISSED != 0 {
             self.following.miss();
+            self.sample_gap.miss();
             return None;
         }
+        let known = self.sample_gap.sample([motion.q, motion.theta], input.dt);
+        let after_gap = match known {
+            Known::Filtered => after_gap,
+            Known::Nothing => return None,
+            Known::Velocities(velocities) => Some(velocities),
+        };
+        let motion = &Motion {
+            dq: known.velocity(motion.dq),
+            ..*motion
+        };
         let integral = self.law.predictive();
         let integral = integral.map_or(0.0, PredictiveLaw::drive_integral_torque);
         let shown = (self.constants).shown(input.measured, motion, after_gap, integral, input.dt);
