@@ -34,7 +34,7 @@ pub use inverse_dynamics::InverseDynamics;
 pub use point_to_point::{MotionLimits, PlannedMotion, PointToPoint};
 pub use sole::Sole;
 pub use stepping::Stepping;
-pub use support::Support;
+pub use support::{Imbalance, Support};
 pub use torque_loop::TorqueLoop;
 pub use trajectory::{BufferedTrajectory, TrajectoryLimits, interpolate};
 pub use velocity_stream::{VelocityPlanner, VelocityStream};

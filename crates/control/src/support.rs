@@ -70,6 +70,17 @@ pub struct Support {
     still: Vec<f64>,
     a: Vec<f64>,
     wrenches: [Wrench; MAX_FT_SENSORS],
+    /// Measured in the last cycle, at the sensors' frames.
+    contact: [Wrench; MAX_FT_SENSORS],
+}
+
+/// How far the wrenches that F/T sensors measure are from those that carry a robot at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Imbalance {
+    /// Force, share of the weight.
+    pub force: f64,
+    /// Moment about the middle of the end-effectors that bear the robot, over the weight, m.
+    pub moment_m: f64,
 }
 
 impl Support {
@@ -107,6 +118,7 @@ impl Support {
             still: vec![0.0; model.nv()],
             a: vec![0.0; model.nv()],
             wrenches: [Wrench::default(); MAX_FT_SENSORS],
+            contact: [Wrench::default(); MAX_FT_SENSORS],
             model,
         }
     }
@@ -129,6 +141,7 @@ impl Support {
         if self.feet.is_empty() {
             return;
         }
+        self.contact = *contact;
         self.a.fill(0.0);
         self.set_angles(q);
         for (foot, contact) in self.feet.iter_mut().zip(contact) {
@@ -194,6 +207,31 @@ impl Support {
             }
         }
         &self.wrenches
+    }
+
+    /// What all F/T sensors have measured in the last cycle beside what carries the robot at rest at these angles (model
+    /// order, rad, of the instant of the measurement); none where nothing bears it.
+    pub fn imbalance(&mut self, q: &[f64]) -> Option<Imbalance> {
+        self.a.fill(0.0);
+        self.set_angles(q);
+        let bear = self.feet.iter().filter(|foot| foot.share > 0.0);
+        let (sum, shares) = bear.fold((Vector3::zeros(), 0.0), |(sum, shares), foot| {
+            (sum + foot.share * foot.at.translation, shares + foot.share)
+        });
+        let needed = self.total()?;
+        let measured = self.feet.iter().zip(&self.contact);
+        let excess = measured.fold(-needed, |sum, (foot, contact)| {
+            let parts = contact.force.iter().chain(&contact.torque).copied();
+            let map = wrench_map(&foot.at.rotation, &foot.at.translation);
+            sum + map * Vector6::from_iterator(parts)
+        });
+        let force: Vector3<f64> = excess.fixed_rows::<3>(0).into();
+        let about_base: Vector3<f64> = excess.fixed_rows::<3>(3).into();
+        let moment = about_base - (sum / shares).cross(&force);
+        Some(Imbalance {
+            force: force.norm() / self.weight,
+            moment_m: moment.norm() / self.weight,
+        })
     }
 
     /// Sets angles and the feet's places, at the accelerations `a` of a base that is not accelerated.

@@ -4,6 +4,7 @@ use crate::common;
 
 use common::motion::Motion;
 use common::{Bench, client_input, read, spoil_ft, spoil_source};
+use cycle::ClientInput;
 use robot_config::slots::Source;
 use robot_state::{Event, Mode};
 use test_support::Random;
@@ -239,6 +240,40 @@ fn what_its_feet_cannot_hold_ends_the_mode_by_name() {
     assert_eq!(record.fault, 0, "{}", record.fault);
     assert_eq!(record.events[Event::ReferenceRejected.index()], 1);
     assert_eq!(record.commander.cause, Event::ReferenceRejected.number());
+}
+
+/// What its sensors measure does not carry it: to balance by that would make it sway by degrees.
+#[test]
+fn it_does_not_begin_to_balance_by_an_ft_sensor_that_has_erred_before() {
+    let spoils: [(&str, fn(&mut [f64; 6])); 3] = [
+        ("force along", |axes| axes[2] += 80.0),
+        ("force across", |axes| axes[0] -= 80.0),
+        ("moment", |axes| axes[5] += 20.0),
+    ];
+    for (name, spoil) in spoils {
+        let mut bench = standing([0.0, 0.0], 3);
+        bench.run(500);
+        let mut motion = Motion::of(&bench);
+        let mut reference = bench.reference(Mode::Stand.number(), 1);
+        for cycle in 0..1500 {
+            bench.gather();
+            spoil_ft(&mut bench, spoil);
+            reference.sequence += 1;
+            let client = client_input(&reference);
+            if cycle < 1000 {
+                bench.compute(&ClientInput::default())
+            } else {
+                bench.compute(&client)
+            };
+            motion.take(&bench);
+        }
+        let record = bench.cycle.record();
+        assert_eq!(record.mode, Mode::Hold.number(), "{name}");
+        assert_eq!(record.fault, 0, "{name}");
+        let refused = Event::ReferenceRejected.number();
+        assert_eq!(record.commander.cause, refused, "{name}");
+        motion.assert_small(name);
+    }
 }
 
 #[test]

@@ -286,7 +286,11 @@ impl Limiter {
         let towards = |room: f64| {
             if room < 0.0 {
                 let (back, most) = (-room / braking.return_time, self.return_share * velocity);
-                return if back < RETURN_DEPTH * most { -back.min(most) } else { 0.0 };
+                return if back < RETURN_DEPTH * most {
+                    -back.min(most)
+                } else {
+                    0.0
+                };
             }
             ((lost * lost + 2.0 * deceleration * room).sqrt() - lost).clamp(0.0, velocity)
         };

@@ -80,7 +80,12 @@ impl Constants {
                     motion.theta + lead + drive.k_v * omega,
                     motion.q + drive.k_tau * tau + drive.k_v * self.velocity(dq, omega),
                 ];
-                (set_points, lead, drive.k_v * omega, self.way_per_torque * tau)
+                (
+                    set_points,
+                    lead,
+                    drive.k_v * omega,
+                    self.way_per_torque * tau,
+                )
             }
             DriveModel::Current(_) => ([measured.current; 2], 0.0, 0.0, 0.0),
         };

@@ -4,7 +4,7 @@
 //! ([`Support`]), and none on ends that bear nothing. Measured ones are late: fed forward they would ask of a joint
 //! what it bore some time before, which a robot on its feet does not survive, and what presses would press ever harder.
 
-use control::{InverseDynamics, Support};
+use control::{Imbalance, InverseDynamics, Support};
 use nalgebra::Vector3;
 use robot_config::Robot;
 use robot_state::{MAX_FT_SENSORS, Mode, Reference, Wrench};
@@ -101,6 +101,11 @@ impl RigidBody {
     /// For how long the end-effector beyond an F/T sensor has stood, s.
     pub(crate) fn stands_for(&self, sensor: usize) -> f64 {
         self.support.stands_for(sensor)
+    }
+
+    /// What all F/T sensors measure beside what carries the robot at rest; none where nothing bears it.
+    pub(crate) fn imbalance(&mut self) -> Option<Imbalance> {
+        self.support.imbalance(&self.q_hat)
     }
 
     /// Takes what is measured in this cycle, whatever the mode.

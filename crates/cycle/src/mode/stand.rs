@@ -191,7 +191,7 @@ impl Stand {
     ///
     /// # Errors
     /// No foot bears it.
-    fn begin(&mut self, body: &RigidBody) -> Result<(), Unfit> {
+    fn begin(&mut self, body: &mut RigidBody) -> Result<(), Unfit> {
         self.balance.restart();
         self.beside.fill(None);
         (self.outside_s, self.reserve) = (0.0, 0.0);
