@@ -225,6 +225,30 @@ fn a_current_drive_under_constant_torque_stays_inside_and_slow() {
 
 /// Pushed further than its torque limit, a held joint yields; the torque stays at the limit.
 #[test]
+fn a_current_leads_a_joint_back_that_is_a_little_outside_and_no_other() {
+    let current = |outside: f64, stops: bool| {
+        let mut limiter = Limiter::new(BRAKED, CURRENT, PERIOD);
+        let motion = still(BRAKED.position_min - outside);
+        limiter.start(&motion, 0.0);
+        let limited = if stops {
+            limiter.stop(0.0, &motion)
+        } else {
+            limiter.limit(0.0, &motion)
+        };
+        limited.applied
+    };
+    // Damping times 5 % of the velocity limit at most, by a torque per current of 10.
+    let most = BRAKED.braking.damping * 0.05 * BRAKED.velocity / 10.0;
+    let (little, more) = (current(0.001, false), current(0.01, false));
+    assert!(
+        0.0 < little && little < more && more <= most,
+        "{little} {more} {most}"
+    );
+    assert_eq!(current(1.0, false), 0.0, "an encoder that lies by a radian");
+    assert_eq!(current(0.001, true), 0.0, "in a fault");
+}
+
+#[test]
 fn a_held_joint_yields_at_its_torque_limit() {
     let mut limiter = Limiter::new(LIMITS, POSITION, PERIOD);
     let hold = limiter.start(&still(0.0), 0.0);
