@@ -104,8 +104,8 @@ fn text_that_is_no_dbc_file_is_refused_with_its_line() {
         "BO_ 1 M: 8 A\n SG_ a : 0|8 (1,0) [0|0] \"\" B",
         1,
         &[
-            "not a DBC file from column",
-            "of `SG_ a : 0|8 (1,0) [0|0] \"\" B` on",
+            "not a DBC file from column 14 on: `(1,0) [0|0] \"\" B`",
+            "allowed: `@`",
         ],
     );
     assert!(Dbc::parse("<html>", "x.dbc").is_err());
