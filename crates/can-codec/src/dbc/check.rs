@@ -99,7 +99,7 @@ impl Check<'_> {
                 "0 to 2047, or an extended id of 29 bits plus 2147483648",
             );
         }
-        if let Err(problem) = frame_format::check_id(dbc, message, extended) {
+        if let Err(problem) = frame_format::check(dbc, message, extended) {
             self.add(problem.at("", line));
         }
         if !FD_LENGTHS.contains(&message.size) {

@@ -9,6 +9,9 @@ pub(super) const ATTRIBUTE: &str = "VFrameFormat";
 /// Numbers of `StandardCAN_FD` and `ExtendedCAN_FD` in CANdb++'s enumeration.
 const FD_NUMBERS: [f64; 2] = [14.0, 15.0];
 
+/// Bytes that a classic frame carries.
+const CLASSIC: u64 = 8;
+
 /// Whether a message is a CAN FD frame by its `VFrameFormat`: by name, or by number in the file's own
 /// enumeration. Without an enumeration, and for 14 and 15 beyond a shorter one, numbers count as in
 /// CANdb++'s.
@@ -39,12 +42,12 @@ pub(super) fn is_fd(dbc: &Statements, message: &MessageText) -> Result<bool, Pro
     }
 }
 
-/// Refuses a message whose own `VFrameFormat` is for identifiers of the other length.
+/// Refuses a message that its own `VFrameFormat` is not for.
 ///
 /// # Errors
-/// An 11-bit identifier of `ExtendedCAN`, or a 29-bit one of `StandardCAN`. A default counts for no message: files
-/// have one for both kinds.
-pub(super) fn check_id(
+/// An 11-bit identifier of `ExtendedCAN`, a 29-bit one of `StandardCAN`, more than 8 bytes of a classic format. A
+/// default counts for no message: files have one for all kinds.
+pub(super) fn check(
     dbc: &Statements,
     message: &MessageText,
     extended: bool,
@@ -66,6 +69,14 @@ pub(super) fn check_id(
         let allowed = "an extended identifier (29 bits) is its number plus 2147483648 in BO_; else \
                        StandardCAN or StandardCAN_FD";
         return Err(Problem::new(reason, allowed));
+    }
+    if message.size > CLASSIC && !names_fd(name) {
+        let (message, size) = (&message.name, message.size);
+        let reason = format!("message {message} is {size} bytes long and has {ATTRIBUTE} {name}");
+        return Err(Problem::new(
+            reason,
+            "a format of CAN FD, or at most 8 bytes",
+        ));
     }
     Ok(())
 }
