@@ -123,6 +123,11 @@ fn doubtful_input_is_a_warning() {
             r#"<link name="b"><origin xyz="0 0 0" rpy="0 -0 0"/></link>"#,
             "<origin> within <link> is not read",
         ),
+        (
+            6,
+            r#"</link><x:link name="c"><inertial><mass value="5"/></inertial></x:link>"#,
+            "<x:link> within <robot> is not read",
+        ),
         (6, "</link> ;", "the text \";\" within <robot> is not read"),
         (
             6,

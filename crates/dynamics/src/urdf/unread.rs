@@ -167,8 +167,9 @@ pub(super) fn judge(root: Node, line: &dyn Fn(Node) -> usize) -> Result<Vec<Prob
         warnings: Vec::new(),
     };
     judge.text(root, "robot", &[])?;
-    for node in root.children().filter(plain) {
+    for node in root.children().filter(Node::is_element) {
         match node.tag_name().name() {
+            _ if !plain(&node) => judge.foreign(node, "robot", &[]),
             "link" => judge.element(&LINK, node, OF_LINK)?,
             "joint" => {
                 judge.element(&JOINT, node, OF_JOINT)?;
@@ -200,9 +201,8 @@ impl Judge<'_> {
         for child in node.children().filter(Node::is_element) {
             let tag = child.tag_name().name();
             match rule.children.iter().find(|known| known.tag == tag) {
-                Some(known) if plain(&child) => self.element(known, child, &[])?,
-                Some(_) => self.foreign(child, rule.tag),
-                None if !plain(&child) => {}
+                _ if !plain(&child) => self.foreign(child, rule.tag, &read),
+                Some(known) => self.element(known, child, &[])?,
                 None if others.is_empty() => {
                     let reason = format!("<{tag}> within <{}> is not read", rule.tag);
                     let allowed = if read.is_empty() {
@@ -218,9 +218,12 @@ impl Judge<'_> {
         Ok(())
     }
 
-    /// An element with the name of one that is read, and another prefix.
-    fn foreign(&mut self, node: Node, within: &str) {
+    /// An element with another prefix: warned of where it has the name of one that is `read`, or a mass.
+    fn foreign(&mut self, node: Node, within: &str, read: &[&str]) {
         let (tag, namespace) = (node.tag_name().name(), node.tag_name().namespace());
+        if !read.contains(&tag) && !node.descendants().any(|part| holds_mass(&part)) {
+            return;
+        }
         let prefix = namespace.and_then(|namespace| node.lookup_prefix(namespace));
         let prefix = prefix.unwrap_or_default();
         let reason = format!("<{prefix}:{tag}> within <{within}> is not read");
