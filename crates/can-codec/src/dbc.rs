@@ -2,10 +2,15 @@
 
 mod check;
 mod frame_format;
+mod given;
+mod multiplexing;
+mod scan;
+mod statements;
 mod types;
 
 use crate::frame::{EXTENDED_ID, Frame};
 use crate::packing::{Coding, Packing};
+use multiplexing::Condition;
 use problem::Problems;
 
 /// The messages of one DBC file.
@@ -53,11 +58,9 @@ pub struct Signal {
     pub min: f64,
     /// Greatest value that the signal may have.
     pub max: f64,
-    /// It is present only if the message's multiplexer has a certain value.
+    /// It is present only if a multiplexer of the message has certain values.
     pub multiplexed: bool,
-    /// Value of the message's multiplexer in whose frames the signal is; none: in all of them.
-    pub selector: Option<u64>,
-    /// It is the message's multiplexer.
+    /// It is a multiplexer of the message.
     pub multiplexer: bool,
     /// What is sent where nothing else says it: the count, or a float's value, that the file gives
     /// this signal by the attribute `GenSigStartValue`. The attribute's default counts for none.
@@ -65,6 +68,8 @@ pub struct Signal {
     /// Line in the file, from 1.
     pub line: usize,
     pub(crate) packing: Packing,
+    /// What a multiplexed signal is present on.
+    pub(crate) condition: Option<Condition>,
 }
 
 impl Dbc {
@@ -123,12 +128,26 @@ impl Message {
     /// The signal is in the frames that [`at_start`](Self::at_start) makes.
     #[must_use]
     pub fn is_selected(&self, signal: &Signal) -> bool {
-        let multiplexer = self.signals.iter().find(|signal| signal.multiplexer);
-        match (signal.selector, multiplexer) {
-            (None, _) => !signal.multiplexed,
-            (Some(selector), Some(by)) => by.start_raw() == selector as f64,
-            (Some(_), None) => false,
+        let mut condition = signal.condition.as_ref();
+        // As many multiplexers choose each other as there are signals.
+        for _ in &self.signals {
+            let Some(Condition {
+                multiplexer,
+                ranges,
+            }) = condition
+            else {
+                break;
+            };
+            let Some(by) = self.signals.get(*multiplexer) else {
+                return false;
+            };
+            let value = by.start_raw().round_ties_even();
+            if !(ranges.iter()).any(|(from, to)| *from as f64 <= value && value <= *to as f64) {
+                return false;
+            }
+            condition = by.condition.as_ref();
         }
+        condition.is_none()
     }
 }
 
@@ -160,11 +179,11 @@ impl Signal {
             min: ends[0].min(ends[1]),
             max: ends[0].max(ends[1]),
             multiplexed: false,
-            selector: None,
             multiplexer: false,
             start: None,
             line: 0,
             packing,
+            condition: None,
         }
     }
 

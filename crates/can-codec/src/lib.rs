@@ -11,7 +11,6 @@ mod datagram;
 mod dbc;
 mod frame;
 mod gather;
-mod line_index;
 mod packing;
 mod table;
 

@@ -104,8 +104,8 @@ fn text_that_is_no_dbc_file_is_refused_with_its_line() {
         "BO_ 1 M: 8 A\n SG_ a : 0|8 (1,0) [0|0] \"\" B",
         1,
         &[
-            "not a DBC file from column",
-            "of `SG_ a : 0|8 (1,0) [0|0] \"\" B` on",
+            "not a DBC file from column 14 on: `(1,0) [0|0] \"\" B`",
+            "allowed: `@`",
         ],
     );
     assert!(Dbc::parse("<html>", "x.dbc").is_err());
@@ -274,7 +274,13 @@ fn a_frame_format_for_identifiers_of_the_other_length_is_refused() {
         let text = Dbc::parse(&of(id, value), "f.dbc").unwrap_err().to_string();
         assert!(text.starts_with("f.dbc:") && text.contains(said), "{text}");
     }
-    // A default stands in files with both kinds.
+    let long = of(513, "0").replace("M: 8", "M: 12");
+    let text = Dbc::parse(&long, "f.dbc").unwrap_err().to_string();
+    assert!(text.contains(
+        "is 12 bytes long and has VFrameFormat StandardCAN; allowed: a format of CAN FD"
+    ));
+    // A default stands in files with all kinds.
+    assert!(Dbc::parse(&with(513, "").replace("M: 8", "M: 12"), "f.dbc").is_ok());
     assert!(Dbc::parse(&with(2_147_484_161, ""), "f.dbc").is_ok());
     assert!(Dbc::parse(&of(2_147_484_161, "3"), "f.dbc").is_ok());
 }

@@ -1,74 +1,61 @@
 //! `VFrameFormat`: the attribute by which a message travels as a classic or as a CAN FD frame.
 
-use can_dbc::{AttributeDefinition, AttributeValue, AttributeValueType};
+use super::statements::{MessageText, Statements, Value};
 use problem::{Problem, listed};
 
-const ATTRIBUTE: &str = "VFrameFormat";
+/// Name of the attribute.
+pub(super) const ATTRIBUTE: &str = "VFrameFormat";
+
+/// Numbers of `StandardCAN_FD` and `ExtendedCAN_FD` in CANdb++'s enumeration.
+const FD_NUMBERS: [f64; 2] = [14.0, 15.0];
+
+/// Bytes that a classic frame carries.
+const CLASSIC: u64 = 8;
 
 /// Whether a message is a CAN FD frame by its `VFrameFormat`: by name, or by number in the file's own
 /// enumeration. Without an enumeration, and for 14 and 15 beyond a shorter one, numbers count as in
-/// CANdb++'s, where these two are `StandardCAN_FD` and `ExtendedCAN_FD`.
+/// CANdb++'s.
 ///
 /// # Errors
 /// A value that the enumeration does not have.
-pub(super) fn is_fd(dbc: &can_dbc::Dbc, message: &can_dbc::Message) -> Result<bool, Problem> {
-    let names = names(dbc);
-    let number = match dbc.resolved_message_attribute(message.id, ATTRIBUTE) {
-        None => return Ok(false),
-        Some(AttributeValue::String(name)) => match name.trim().parse::<u64>() {
-            Ok(number) => Some(number),
-            Err(_) => {
-                let own = dbc.message_attribute(message.id, ATTRIBUTE).is_some();
-                let listed = names.is_none_or(|names| names.contains(name));
-                // A default that no message has is no message's format.
-                return if own && !listed {
-                    Err(unknown(dbc, message, names))
-                } else {
-                    Ok(names_fd(name))
-                };
-            }
-        },
-        Some(AttributeValue::Uint(number)) => Some(*number),
-        Some(AttributeValue::Int(number)) => u64::try_from(*number).ok(),
-        Some(AttributeValue::Double(number)) if number.fract() == 0.0 && *number >= 0.0 => {
-            Some(*number as u64)
-        }
-        Some(AttributeValue::Double(_)) => None,
+pub(super) fn is_fd(dbc: &Statements, message: &MessageText) -> Result<bool, Problem> {
+    let own = dbc.formats.get(message.id, "");
+    let Some(value) = own.or_else(|| dbc.default_format.get(0, "")) else {
+        return Ok(false);
     };
-    let own = number.and_then(|number| names?.get(usize::try_from(number).ok()?));
-    match (own, number, names) {
-        (Some(name), ..) => Ok(names_fd(name)),
-        (None, Some(14 | 15), _) => Ok(true),
-        (None, Some(_), None) => Ok(false),
-        (None, ..) => Err(unknown(dbc, message, names)),
+    if let Some(name) = name(dbc, value) {
+        // A default that no message has is no message's format.
+        let listed = names(dbc).is_none_or(|names| names.iter().any(|own| own == name));
+        return if own.is_some() && !listed {
+            Err(unknown(dbc, message, value))
+        } else {
+            Ok(names_fd(name))
+        };
+    }
+    let number = value.number().unwrap_or(f64::NAN);
+    if FD_NUMBERS.contains(&number) {
+        Ok(true)
+    } else if names(dbc).is_none() && number >= 0.0 && number.fract() == 0.0 {
+        Ok(false)
+    } else {
+        Err(unknown(dbc, message, value))
     }
 }
 
-/// Refuses a message whose own `VFrameFormat` is for identifiers of the other length.
+/// Refuses a message that its own `VFrameFormat` is not for.
 ///
 /// # Errors
-/// An 11-bit identifier of `ExtendedCAN`, or a 29-bit one of `StandardCAN`. A default counts for no message: files
-/// have one for both kinds.
-pub(super) fn check_id(
-    dbc: &can_dbc::Dbc,
-    message: &can_dbc::Message,
+/// An 11-bit identifier of `ExtendedCAN`, a 29-bit one of `StandardCAN`, more than 8 bytes of a classic format. A
+/// default counts for no message: files have one for all kinds.
+pub(super) fn check(
+    dbc: &Statements,
+    message: &MessageText,
     extended: bool,
 ) -> Result<(), Problem> {
-    let names = names(dbc);
-    let name = match dbc.message_attribute(message.id, ATTRIBUTE) {
-        Some(AttributeValue::String(name)) => match name.trim().parse::<usize>() {
-            Ok(number) => names.and_then(|names| names.get(number)),
-            Err(_) => Some(name),
-        },
-        Some(AttributeValue::Uint(number)) => usize::try_from(*number)
-            .ok()
-            .and_then(|number| names?.get(number)),
-        Some(AttributeValue::Int(number)) => usize::try_from(*number)
-            .ok()
-            .and_then(|number| names?.get(number)),
-        _ => None,
+    let own = dbc.formats.get(message.id, "");
+    let Some(name) = own.and_then(|value| name(dbc, value)) else {
+        return Ok(());
     };
-    let Some(name) = name else { return Ok(()) };
     let (bits, other) = if extended {
         (29, "standard")
     } else {
@@ -83,38 +70,50 @@ pub(super) fn check_id(
                        StandardCAN or StandardCAN_FD";
         return Err(Problem::new(reason, allowed));
     }
+    if message.size > CLASSIC && !names_fd(name) {
+        let (message, size) = (&message.name, message.size);
+        let reason = format!("message {message} is {size} bytes long and has {ATTRIBUTE} {name}");
+        return Err(Problem::new(
+            reason,
+            "a format of CAN FD, or at most 8 bytes",
+        ));
+    }
     Ok(())
 }
 
 /// The file's own enumeration.
-fn names(dbc: &can_dbc::Dbc) -> Option<&Vec<String>> {
-    dbc.attribute_definitions
-        .iter()
-        .find_map(|definition| match definition {
-            AttributeDefinition::Message(name, AttributeValueType::Enum(names))
-                if name == ATTRIBUTE =>
-            {
-                Some(names)
-            }
-            _ => None,
-        })
+fn names(dbc: &Statements) -> Option<&Vec<String>> {
+    dbc.format_names.get(0, "")
+}
+
+/// The name of a format: as written, or of that number in the file's enumeration.
+fn name<'a>(dbc: &'a Statements, value: &'a Value) -> Option<&'a str> {
+    match (value, value.number()) {
+        (Value::Text(name), None) => Some(name),
+        (_, Some(number)) if number >= 0.0 && number.fract() == 0.0 => {
+            let name = names(dbc)?.get(number as usize)?;
+            Some(name)
+        }
+        _ => None,
+    }
 }
 
 /// A value that the enumeration does not have.
-fn unknown(dbc: &can_dbc::Dbc, message: &can_dbc::Message, names: Option<&Vec<String>>) -> Problem {
-    let written = match dbc.resolved_message_attribute(message.id, ATTRIBUTE) {
-        Some(AttributeValue::Uint(number)) => number.to_string(),
-        Some(AttributeValue::Int(number)) => number.to_string(),
-        Some(AttributeValue::Double(number)) => number.to_string(),
-        Some(AttributeValue::String(text)) => text.clone(),
-        None => String::new(),
+fn unknown(dbc: &Statements, message: &MessageText, value: &Value) -> Problem {
+    let written = match value {
+        Value::Number(number) => number.to_string(),
+        Value::Text(text) => text.clone(),
     };
     let reason = format!("message {} has {ATTRIBUTE} {written}", message.name);
-    let numbered: Vec<String> = (names.into_iter().flatten().enumerate())
+    let numbered: Vec<String> = (names(dbc).into_iter().flatten().enumerate())
         .map(|(number, name)| format!("{number} ({name})"))
         .collect();
-    let numbered = listed(numbered.iter().map(String::as_str));
-    let allowed = format!("a number or name of the file's enumeration: {numbered}");
+    let allowed = if numbered.is_empty() {
+        "a whole number from 0 on".to_owned()
+    } else {
+        let numbered = listed(numbered.iter().map(String::as_str));
+        format!("a number or name of the file's enumeration: {numbered}")
+    };
     Problem::new(reason, allowed)
 }
 

@@ -11,6 +11,9 @@ use problem::Problem;
 use std::collections::HashMap;
 use urdf_rs::JointType;
 
+/// Range that is no limit of a joint that turns without end, rad: a turn, but for rounding.
+const WHOLE_TURN: f64 = 0.99 * std::f64::consts::TAU;
+
 pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, Problem> {
     let mut build = Build {
         source,
@@ -33,7 +36,7 @@ pub(super) fn model(source: &Source, tree: &Tree, base: Base) -> Result<Model, P
     build.follow_drivers();
     build.check_bodies()?;
     build.warn_of_massless();
-    build.read_transmissions();
+    build.read_transmissions()?;
     build.model.finish();
     Ok(build.model)
 }
@@ -186,7 +189,23 @@ impl Build<'_> {
             return Err(problem_at(line, reason, "numbers >= 0"));
         }
         (limits.effort, limits.velocity) = (given.effort, given.velocity);
+        let mut warn = |reason: String| {
+            let reason = format!("joint \"{name}\": {reason}");
+            self.model.warnings.push(problem_at(line, reason, ""));
+        };
+        for (what, limit) in [("effort", given.effort), ("velocity", given.velocity)] {
+            if limit == 0.0 {
+                warn(format!("{what} 0 allows none"));
+            }
+        }
         if kind == JointKind::Continuous {
+            // Exporters write zeros, and a whole turn.
+            if given.upper - given.lower > 0.0 && given.upper - given.lower < WHOLE_TURN {
+                let (lower, upper) = (given.lower, given.upper);
+                warn(format!(
+                    "lower {lower} and upper {upper} are no limits of a continuous joint"
+                ));
+            }
             return Ok(limits);
         }
         if given.lower > given.upper {
@@ -232,7 +251,7 @@ impl Build<'_> {
         }
     }
 
-    fn read_transmissions(&mut self) {
+    fn read_transmissions(&mut self) -> Result<(), Problem> {
         let joints = self.source.robot.joints.iter().zip(&self.joint_of);
         let by_name: HashMap<&str, Option<usize>> =
             joints.map(|(j, own)| (j.name.as_str(), *own)).collect();
@@ -248,9 +267,23 @@ impl Build<'_> {
                 }
             };
             let joint = &mut self.model.joints[index];
-            joint.gear_ratio = joint.gear_ratio.or(t.gear_ratio);
-            joint.rotor_inertia = joint.rotor_inertia.or(t.rotor_inertia);
+            for (own, given) in [
+                (&mut joint.gear_ratio, t.gear_ratio),
+                (&mut joint.rotor_inertia, t.rotor_inertia),
+            ] {
+                if let (Some(own), Some(given)) = (*own, given)
+                    && own != given
+                {
+                    let reason = format!(
+                        "joint \"{}\" has transmissions with {own} and with {given}",
+                        joint.name
+                    );
+                    return Err(problem_at(t.line, reason, "one value for a joint"));
+                }
+                *own = own.or(given);
+            }
         }
+        Ok(())
     }
 
     /// Refuses bodies with a negative moment of inertia, at the link with the smallest one.

@@ -44,6 +44,13 @@ pub(super) fn of_link(
         );
         warnings.push(problem_at(lines.of("inertia"), reason, ""));
     }
+    if mass == 0.0 && tensor != Matrix3::zeros() {
+        let reason = format!(
+            "link \"{}\": moments of inertia with a mass of 0 kg",
+            link.name
+        );
+        warnings.push(problem_at(lines.of("mass"), reason, ""));
+    }
     units::of_link(link, lines, warnings);
     Ok(inertia)
 }

@@ -47,12 +47,14 @@ pub(super) enum Kind {
     Text,
     /// Reads `N` finite numbers.
     Numbers(usize),
+    /// One finite number that is not negative.
+    NotNegative,
     /// One number, infinite allowed.
     Bound,
     /// A type of joint.
     JointType,
 }
-use Kind::{Bound, JointType, Numbers, Text};
+use Kind::{Bound, JointType, NotNegative, Numbers, Text};
 
 const JOINT_TYPES: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
 
@@ -125,8 +127,8 @@ pub(super) const JOINT: Rule = Rule {
         leaf(
             "limit",
             &[
-                ("lower", Bound, Some("-inf")),
-                ("upper", Bound, Some("inf")),
+                ("lower", Bound, Some("0")),
+                ("upper", Bound, Some("0")),
                 ("effort", Bound, Some("inf")),
                 ("velocity", Bound, Some("inf")),
             ],
@@ -134,8 +136,8 @@ pub(super) const JOINT: Rule = Rule {
         leaf(
             "dynamics",
             &[
-                ("damping", Numbers(1), Some("0")),
-                ("friction", Numbers(1), Some("0")),
+                ("damping", NotNegative, Some("0")),
+                ("friction", NotNegative, Some("0")),
             ],
         ),
         leaf(
@@ -290,6 +292,11 @@ fn allowed_instead(kind: &Kind, value: &str) -> Option<String> {
         Bound => {
             let number = value.trim().parse::<f64>();
             (number.is_ok_and(|x| !x.is_nan()), "a number".into())
+        }
+        NotNegative => {
+            let number = value.trim().parse::<f64>();
+            let is_allowed = number.is_ok_and(|x| x.is_finite() && x >= 0.0);
+            (is_allowed, "a finite number >= 0".into())
         }
         Numbers(n) => {
             let finite = |t: &str| t.parse::<f64>().is_ok_and(f64::is_finite);

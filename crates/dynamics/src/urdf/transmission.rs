@@ -2,6 +2,7 @@
 
 use super::namespaces::plain;
 use super::problem_at;
+use super::unread::alike;
 use problem::Problem;
 use roxmltree::Node;
 
@@ -115,7 +116,13 @@ fn number(
         tag => names.contains(&tag),
     };
     let Some(child) = node.children().filter(Node::is_element).find(is_it) else {
-        return Ok(None);
+        return match misspelt(node, names) {
+            Some((child, written, meant)) => {
+                let reason = format!("<{written}> is not read: names are exact");
+                Err(problem_at(line(child), reason, format!("<{meant}>")))
+            }
+            None => Ok(None),
+        };
     };
     let text = child.attribute("value").or(child.text()).unwrap_or("");
     match text.trim().parse::<f64>() {
@@ -126,4 +133,17 @@ fn number(
             Err(problem_at(line(child), reason, allowed))
         }
     }
+}
+
+/// A child element whose name looks like one of these.
+fn misspelt<'a, 'i>(
+    node: Node<'a, 'i>,
+    names: &[&'a str],
+) -> Option<(Node<'a, 'i>, &'a str, &'a str)> {
+    let mut children = node.children().filter(plain);
+    children.find_map(|child| {
+        let written = child.tag_name().name();
+        let meant = names.iter().find(|name| alike(name, written))?;
+        Some((child, written, *meant))
+    })
 }

@@ -57,7 +57,6 @@ const OF_LINK: &[&str] = &[
     "audio",
     "projector",
     "collision_checking",
-    "joint",
     "plugin",
     "gazebo",
 ];
@@ -151,20 +150,31 @@ pub(super) fn refuse_xacro(
     Ok(())
 }
 
+/// Characters of a text that a message shows.
+const MAX_SHOWN: usize = 40;
+
+/// Parts of links that have no mass of their own.
+const DRAWN: &[&str] = &["visual", "collision", "material", "contact"];
+
 /// Warnings of what nothing reads in links and joints, and beside them.
 ///
 /// # Errors
-/// What looks like a misspelt element or attribute that would be read, an unknown element that holds a
-/// mass, and an unknown attribute of an element whose numbers are read.
+/// What looks like a misspelt or misplaced element or attribute that would be read, an unknown element that holds a
+/// mass, and whatever is unknown in an element whose numbers are read.
 pub(super) fn judge(root: Node, line: &dyn Fn(Node) -> usize) -> Result<Vec<Problem>, Problem> {
     let mut judge = Judge {
         line,
         warnings: Vec::new(),
     };
-    for node in root.children().filter(plain) {
+    judge.text(root, "robot", &[])?;
+    for node in root.children().filter(Node::is_element) {
         match node.tag_name().name() {
+            _ if !plain(&node) => judge.foreign(node, "robot", &[]),
             "link" => judge.element(&LINK, node, OF_LINK)?,
-            "joint" => judge.element(&JOINT, node, OF_JOINT)?,
+            "joint" => {
+                judge.element(&JOINT, node, OF_JOINT)?;
+                judge.limit(node);
+            }
             _ => judge.unread(node, "robot", &["link", "joint"], OF_ROBOT)?,
         }
     }
@@ -177,22 +187,71 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// An element that is read: its attributes, and the elements in it.
+    /// An element that is read: its attributes, the text in it, and the elements in it.
     fn element(&mut self, rule: &Rule, node: Node, others: &[&str]) -> Result<(), Problem> {
         self.attributes(rule, node)?;
+        let names: Vec<&str> = rule.attributes.iter().map(|(name, ..)| *name).collect();
+        let values = if rule.children.is_empty() {
+            &*names
+        } else {
+            &[]
+        };
+        self.text(node, rule.tag, values)?;
         let read: Vec<&str> = rule.children.iter().map(|child| child.tag).collect();
-        for child in node.children().filter(plain) {
+        for child in node.children().filter(Node::is_element) {
             let tag = child.tag_name().name();
             match rule.children.iter().find(|known| known.tag == tag) {
+                _ if !plain(&child) => self.foreign(child, rule.tag, &read),
                 Some(known) => self.element(known, child, &[])?,
+                None if others.is_empty() => {
+                    let reason = format!("<{tag}> within <{}> is not read", rule.tag);
+                    let allowed = if read.is_empty() {
+                        listed(names.iter().copied())
+                    } else {
+                        elements(&read, tag)
+                    };
+                    return Err(problem_at((self.line)(child), reason, allowed));
+                }
                 None => self.unread(child, rule.tag, &read, others)?,
             }
         }
         Ok(())
     }
 
+    /// An element with another prefix: warned of where it has the name of one that is `read`, or a mass.
+    fn foreign(&mut self, node: Node, within: &str, read: &[&str]) {
+        let (tag, namespace) = (node.tag_name().name(), node.tag_name().namespace());
+        if !read.contains(&tag) && !node.descendants().any(|part| holds_mass(&part)) {
+            return;
+        }
+        let prefix = namespace.and_then(|namespace| node.lookup_prefix(namespace));
+        let prefix = prefix.unwrap_or_default();
+        let reason = format!("<{prefix}:{tag}> within <{within}> is not read");
+        self.warnings
+            .push(problem_at((self.line)(node), reason, ""));
+    }
+
+    /// Text between elements: refused where the `attributes` of an element hold what it says.
+    fn text(&mut self, node: Node, tag: &str, attributes: &[&str]) -> Result<(), Problem> {
+        let texts = node.children().filter(Node::is_text);
+        let mut texts = texts.filter_map(|text| text.text()).map(str::trim);
+        let Some(text) = texts.find(|text| !text.is_empty()) else {
+            return Ok(());
+        };
+        let shown: String = text.chars().take(MAX_SHOWN).collect();
+        let reason = format!("the text \"{shown}\" within <{tag}> is not read");
+        let line = (self.line)(node);
+        if attributes.is_empty() {
+            self.warnings.push(problem_at(line, reason, ""));
+            return Ok(());
+        }
+        let allowed = format!("attributes: {}", listed(attributes.iter().copied()));
+        Err(problem_at(line, reason, allowed))
+    }
+
     fn attributes(&mut self, rule: &Rule, node: Node) -> Result<(), Problem> {
         let known: Vec<&str> = rule.attributes.iter().map(|(name, ..)| *name).collect();
+        let lacks = known.iter().any(|name| node.attribute(*name).is_none());
         for attribute in node.attributes().filter(|a| a.namespace().is_none()) {
             let name = attribute.name();
             if known.contains(&name) || ATTRIBUTES.contains(&name) {
@@ -202,14 +261,45 @@ impl Judge<'_> {
             let reason = format!("<{tag} {name}=\"{}\"> is not read", attribute.value());
             let near = known.iter().any(|known| alike(known, name));
             // Without its own attribute such an element would silently have the value where omitted.
-            let numeric = matches!(tag, "origin" | "mass" | "inertia" | "axis" | "mimic");
+            let numeric = matches!(tag, "origin" | "mass" | "inertia" | "axis" | "mimic")
+                || (tag == "limit" && lacks);
             let line = (self.line)(node);
             if near || numeric {
                 return Err(problem_at(line, reason, listed(known.iter().copied())));
             }
+            if let Some(place) = place_of(rule, name) {
+                return Err(problem_at(line, reason, place));
+            }
             self.warnings.push(problem_at(line, reason, ""));
         }
         Ok(())
+    }
+
+    /// Warns of what a limit leaves out: the URDF's own values for that are seldom meant.
+    fn limit(&mut self, joint: Node) {
+        let mut parts = joint.children().filter(plain);
+        let Some(limit) = parts.find(|part| part.tag_name().name() == "limit") else {
+            return;
+        };
+        let (name, kind) = (joint.attribute("name"), joint.attribute("type"));
+        let name = name.unwrap_or_default();
+        let mut warn = |what: &str, taken: &str| {
+            let reason = format!("joint \"{name}\": its <limit> has no {what}: {taken}");
+            self.warnings
+                .push(problem_at((self.line)(limit), reason, ""));
+        };
+        if kind == Some("fixed") {
+            return;
+        }
+        for what in ["effort", "velocity"] {
+            if limit.attribute(what).is_none() {
+                warn(what, "none is assumed");
+            }
+        }
+        let bounds = limit.attribute("lower").or(limit.attribute("upper"));
+        if bounds.is_none() && kind != Some("continuous") {
+            warn("lower and upper", "both are 0, and it cannot move");
+        }
     }
 
     /// An element that is not read.
@@ -221,37 +311,73 @@ impl Judge<'_> {
         known: &[&str],
     ) -> Result<(), Problem> {
         let tag = node.tag_name().name();
-        if known.contains(&tag) && !read.contains(&tag) {
+        let line = (self.line)(node);
+        let reason = format!("<{tag}> within <{within}> is not read");
+        let allowed = elements(read, tag);
+        let is_known = known.contains(&tag) && !read.contains(&tag);
+        if is_known && !DRAWN.contains(&tag) {
             return Ok(());
         }
-        let line = (self.line)(node);
-        if let Some(meant) = read.iter().find(|read| alike(read, tag)) {
-            let reason = format!("<{tag}> within <{within}> is not read: names are exact");
-            return Err(problem_at(line, reason, format!("<{meant}>")));
+        if !is_known && read.iter().any(|read| alike(read, tag)) {
+            let reason = format!("{reason}: names are exact");
+            return Err(problem_at(line, reason, allowed));
         }
-        let reason = format!("<{tag}> within <{within}> is not read");
-        let mass = |n: Node| {
-            matches!(
-                n.tag_name().name().to_ascii_lowercase().as_str(),
-                "mass" | "inertial" | "link"
-            )
-        };
-        if node.descendants().any(mass) {
+        if node.descendants().any(|part| holds_mass(&part)) {
             let reason = format!("{reason}, with the masses and links in it");
-            let read: Vec<String> = read.iter().map(|tag| format!("<{tag}>")).collect();
-            return Err(problem_at(
-                line,
-                reason,
-                listed(read.iter().map(String::as_str)),
-            ));
+            return Err(problem_at(line, reason, allowed));
+        }
+        if is_known {
+            return Ok(());
+        }
+        let meant = place_of(&LINK, tag).or(place_of(&JOINT, tag));
+        if let Some(place) = meant.filter(|_| !is_zero(&node)) {
+            return Err(problem_at(line, reason, place));
         }
         self.warnings.push(problem_at(line, reason, ""));
         Ok(())
     }
 }
 
+/// The element that `written` may be meant as, or all that are read.
+fn elements(read: &[&str], written: &str) -> String {
+    let tag = |tag: &&str| format!("<{tag}>");
+    match read.iter().find(|read| alike(read, written)) {
+        Some(meant) => tag(meant),
+        None => {
+            let tags: Vec<String> = read.iter().map(tag).collect();
+            listed(tags.iter().map(String::as_str))
+        }
+    }
+}
+
+/// An element that has a mass, or is a link.
+fn holds_mass(node: &Node) -> bool {
+    let tag = node.tag_name().name().to_ascii_lowercase();
+    matches!(tag.as_str(), "mass" | "inertial" | "link") || node.attribute("mass").is_some()
+}
+
+/// An element that would say nothing wherever it stood: exporters write such origins.
+fn is_zero(node: &Node) -> bool {
+    let zero = |token: &str| token.parse() == Ok(0.0);
+    let mut attributes = node.attributes();
+    attributes.all(|attribute| attribute.value().split_whitespace().all(zero))
+}
+
+/// Where below an element an element or attribute of that name is read, in words.
+fn place_of(rule: &Rule, name: &str) -> Option<String> {
+    rule.children.iter().find_map(|child| {
+        let tag = child.tag;
+        if tag == name {
+            return Some(format!("<{tag}> within <{}>", rule.tag));
+        }
+        let own = child.attributes.iter().any(|(own, ..)| *own == name);
+        let here = own.then(|| format!("<{tag} {name}=\"...\">"));
+        here.or_else(|| place_of(child, name))
+    })
+}
+
 /// Whether `written` may be meant as `known`: but for upper case, an underscore, or one letter in five.
-fn alike(known: &str, written: &str) -> bool {
+pub(super) fn alike(known: &str, written: &str) -> bool {
     let plain = |name: &str| name.to_ascii_lowercase().replace(['_', '-'], "");
     let (a, b) = (plain(known), plain(written));
     let letters = a.chars().count();
