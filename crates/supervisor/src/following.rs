@@ -32,6 +32,9 @@ const MOST: f64 = 0.5;
 /// period. Torque may have changed anywhere within that period, and the gear and friction take a share of it. Chosen; no
 /// experiment recorded.
 const WITNESSED: [f64; 2] = [0.05, 1.5];
+/// Least change in such a sample of the lead that the drive's torque needs, over the limit of the following error, which
+/// is half the lead of the torque limit where none is given. Less may be noise. Chosen; no experiment recorded.
+const WITNESSED_CHANGE: f64 = 0.5;
 
 /// Limits of a joint's following error and velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -191,7 +194,9 @@ impl Following {
             velocity.abs() / p.velocity,
         ];
         let samples = f64::from(p.samples);
-        let counted = if before.is_some_and(|before| runs_away(&before, shown, self.error)) {
+        let least_change = WITNESSED_CHANGE * p.limit;
+        let runs = |before: Shown| runs_away(&before, shown, (self.error, least_change));
+        let counted = if before.is_some_and(runs) {
             samples
         } else {
             (ratios[0] * ratios[0]).min((MOST * samples).max(1.0))
@@ -226,14 +231,16 @@ impl Following {
 }
 
 /// Whether a change of the drive's torque since the sample `before` has accelerated its rotor in the direction of the
-/// following error, by a way that fits the torque, while the link has not gone further than that.
-fn runs_away(before: &Shown, now: &Shown, error: f64) -> bool {
+/// following error, by a way that fits the torque, while the link has not gone further than that. `least_change`: of the
+/// lead that counts as one, rad.
+fn runs_away(before: &Shown, now: &Shown, (error, least_change): (f64, f64)) -> bool {
     let [motor, link] = [0, 1].map(|side| now.angles[side] - before.angles[side]);
     let expected = before.motor_velocity * now.period;
     let (way, of_link) = ((motor - expected) * error.signum(), (link - expected).abs());
     let by_torque = (now.torque_way - before.torque_way) * error.signum();
     let [least, most] = WITNESSED.map(|share| share * by_torque);
-    by_torque > 0.0 && (least..most).contains(&way) && of_link < most
+    let changes = (now.lead - before.lead) * error.signum() > least_change;
+    changes && by_torque > 0.0 && (least..most).contains(&way) && of_link < most
 }
 
 #[cfg(test)]
@@ -389,6 +396,7 @@ mod tests {
     #[test]
     fn one_sample_is_enough_where_torque_rotor_and_link_bear_witness() {
         let found = |torque_way: f64, angles: [f64; 2]| {
+            let lead = 20.0 * torque_way;
             let mut following = Following::new(PARAMETERS);
             (0..100).find(|k| {
                 following.note_sent(0.2);
@@ -397,6 +405,7 @@ mod tests {
                 } else {
                     Shown {
                         torque_way,
+                        lead,
                         angles: if *k == 50 { angles } else { [f64::NAN; 2] },
                         ..shown([0.23; 2], 0.0)
                     }
@@ -412,6 +421,7 @@ mod tests {
             ("a link that jumps", 1e-3, [8e-4, 0.1]),
             ("an impact: the drive pushes back", -1e-3, [8e-4, 0.0]),
             ("towards the set-point", -1e-3, [-8e-4, 0.0]),
+            ("a change that may be noise", 2e-4, [1e-4, 0.0]),
             ("no number", f64::NAN, [f64::NAN; 2]),
         ];
         for (name, torque_way, angles) in cases {
