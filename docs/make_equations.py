@@ -11,6 +11,7 @@ or with an unknown tag is an error (exit code 2): file, line, what is allowed.
 
 import re
 import sys
+import textwrap
 from itertools import groupby
 from pathlib import Path
 
@@ -71,18 +72,18 @@ def page():
     text = [
         "# Equations",
         "",
-        "Which code implements which equation. Written by `docs/make_equations.py` from the marks in the code",
-        "(`//= Z20: ...`), which have the equations themselves; `.ci/run` compares. Where a line departs from print, the",
-        "reason stands beside it.",
+        "Which code implements which equation, by `docs/make_equations.py` from the marks in the code (`//= Z20: ...`). Where",
+        "a line departs from print, the reason stands beside it.",
     ]
     for tag, source in SOURCES.items():
         if not rows[tag]:
             continue
-        text += ["", f"## {tag}", "", source, "", "| equation | implemented in |", "| --- | --- |"]
+        text += ["", f"## {tag}", "", source, ""]
         for (_, number), places in groupby(sorted(rows[tag]), key=lambda row: row[:2]):
             places = dict.fromkeys((file, line) for *_, file, line in places)
             links = ", ".join(f"[{file.removeprefix('crates/')}:{line}](../{file}#L{line})" for file, line in places)
-            text.append(f"| {number} | {links} |")
+            item = f"- {number}: {links}" if number else f"- {links}"
+            text.append(textwrap.fill(item, 120, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
     return "\n".join(text) + "\n"
 
 

@@ -89,8 +89,7 @@ def section(found, asked):
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
     opening = f"""`{PROGRAM} --seconds {asked.seconds:g} --rounds {asked.rounds} --page` has measured this, with programs of
 `target/{asked.binaries.name}` beside a simulated leg, on {machine}; load {load}, its own included. A round trip
-goes from sending a reference to the first record of a cycle that followed it. Unanswered: the client did not run for so
-long that its lease ended."""
+goes from sending a reference to the first record of a cycle that followed it. Unanswered: the lease ended."""
     text = f"""{SECTION}
 {textwrap.fill(opening, 120)}
 

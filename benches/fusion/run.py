@@ -75,7 +75,7 @@ HEADS = ["robot", "joint", "encoders", "F/T sensors", "fused", "fused over encod
            for end in ("least", "most"))]  # fmt: skip
 PAGE = """# The fused torque
 
-Written by `python3 benches/fusion/run.py --out docs/results/fusion.md`. Simulated robots in the motion of `torqued demo` (the humanoid in `config/humanoid/bow.toml`), {seconds} s, seeds {seeds}: each with other sensors, offsets, cross-talk, masses and pasts of the gears, as their `sim.toml` has them. The calibrations are those of the shipped robots, of seed 1. An error is the root mean square over the run against the true torque of the same instant. That of the torque from F/T sensors, which is late, is against its delay ago.
+Written by `python3 benches/fusion/run.py --out docs/results/fusion.md`. Simulated robots in the motion of `torqued demo` (the humanoid in `config/humanoid/bow.toml`), {seconds} s, seeds {seeds}: sensors, offsets, cross-talk, masses and pasts of the gears. The calibrations are the shipped ones, of seed 1. Errors are root mean squares against the true torque of the same instant, from F/T sensors against that of their delay ago.
 
 ## Fused over encoders
 
@@ -89,7 +89,7 @@ Greatest "worst" of {rows} rows, [all](fusion-joints.csv), errors in N·m or N:
 {greatest}
 ## Error over sigma
 
-Root mean square of the error over the standard deviation that is published with it: median, largest, and the share of joints within {low} to {high} (aim {share:.0%}).
+Root mean square of error over published sigma: median, largest, and share of joints within {low} to {high} (aim {share:.0%}).
 
 | robot | encoders | F/T sensors and model | fused |
 | --- | --- | --- | --- |

@@ -34,10 +34,8 @@ def write(path):
         COMMAND,
         "```",
         "",
-        "runs `torqued run` on a UDP bus against drives of other people's, and writes this page. Drives of CiA 402 are PyPI"
-        " `canopen`'s LocalNode and `durand`, and the crate `zencan-node`. Actuators are those of"
-        " `rt-tests/udp/actuators.py`, whose frames are those of PyPI `damiao-motor`, `odrive-can` and `moteus`, or"
-        " follow the makers' manuals. The loop runs at 200 Hz.",
+        "runs `torqued run` on a UDP bus at 200 Hz against [drives of other people's](../drives.md) and the actuators of"
+        " `rt-tests/udp/actuators.py`, and writes this page.",
         "",
         f"{time.strftime('%d %B %Y')}, {platform.machine()}, two processors.",
         "",
@@ -54,8 +52,7 @@ def write(path):
         "",
         "## Set-up interrupted",
         "",
-        "What the daemon says; nothing has moved in any of them. Where it ends, it does so with exit code 1, and the drive is"
-        " off. `cargo test -p drives` interrupts a set-up after each of its frames, and starts it anew.",
+        "Nothing has moved in any of them. Where the daemon ends, it does so with exit code 1, and the drive is off.",
         "",
         f"[{len(TABLES['set-up'])} interruptions](drives-set-up.csv), and what is said of each.",
     ]
