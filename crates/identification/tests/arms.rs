@@ -8,8 +8,7 @@ mod drawn;
 
 use changes::CHANGES;
 use drawn::Drawn;
-use identification::inertia::Calibration;
-use identification::inertia::consistent;
+use identification::inertia::{Calibration, RobotLog, consistent};
 use nalgebra::DVector;
 use std::fmt::Write as _;
 use test_support::Random;
@@ -181,4 +180,39 @@ fn no_contradiction_gives_masses_far_off_many() {
     });
     let sweep = Sweep::new(from.unwrap(), false);
     println!("{}", sweep.table());
+}
+
+/// Arms of which a log says little about a mass: its torques are explained as well by its neighbours'. Ratios of 2.95,
+/// 1.98 and 1.74 were written while the divergence alone held the masses.
+#[test]
+fn masses_that_torques_hardly_show_stay_near_the_urdfs() {
+    for seed in [1022, 1023, 1051] {
+        let arm = Drawn::new(seed);
+        let found = arm.calibrate(&arm.log(0.0, None)).unwrap();
+        let worst = arm.worst(&found);
+        assert!(worst < 1.6, "seed {seed}: {worst}");
+    }
+}
+
+/// A payload in the hand for half of the log, or a delay under noise: the contradiction is named with its size. Half
+/// of all squares, noise included, were asked of a delay, and none was found here.
+#[test]
+fn payloads_and_delays_under_noise_are_named() {
+    let half = |arm: &Drawn| arm.log(0.0, Some(1500));
+    let late = |arm: &Drawn| arm.log(0.02, None);
+    let cases: [(u64, &dyn Fn(&Drawn) -> RobotLog, &str); 5] = [
+        (1010, &half, "more from some t = 15"),
+        (1018, &half, "more from some t = 15"),
+        (1020, &half, "more from some t = 15"),
+        (1001, &late, "tau is late against q by some 2"),
+        (1014, &late, "tau is late against q by some 2"),
+    ];
+    for (seed, log, words) in cases {
+        let arm = Drawn::new(seed);
+        let said = match arm.calibrate(&log(&arm)) {
+            Ok(found) => found.contradictions.join("; "),
+            Err(problems) => problems.to_string(),
+        };
+        assert!(said.contains(words), "seed {seed}: {said}");
+    }
 }
