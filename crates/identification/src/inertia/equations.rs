@@ -191,9 +191,9 @@ impl Normal {
     }
 }
 
-/// Weight of a body's mass about the URDF's, beside the divergence, kg^-2; none where the URDF's is a guess.
+/// Weight of a body's mass about the URDF's, beside the divergence, kg^-2; none where the URDF has no mass.
 fn mass_weight(prior: &Prior, body: usize) -> f64 {
-    if prior.guessed {
+    if !prior.weighed[body] {
         return 0.0;
     }
     (MASS_DEVIATION * prior.parameters[PARAMETERS * body]).powi(-2)
@@ -209,7 +209,8 @@ pub struct Solved {
 }
 
 impl Solved {
-    /// Solves `(A + lambda H) x = m + lambda H phi0`, H the divergence's curvature and the masses' own weight. None where that is not finite.
+    /// Solves `(A + lambda H) x = m + lambda H phi0`, H the divergence's curvature and the masses' own weight. None
+    /// where that is not finite.
     #[must_use]
     pub fn new(normal: &Normal, prior: &Prior, lambda: f64, keep: &[bool]) -> Option<Self> {
         let kept: Vec<usize> = (0..keep.len()).filter(|&i| keep[i]).collect();
@@ -275,9 +276,7 @@ impl Solved {
         x[place] = gamma;
         Some(x)
     }
-}
 
-impl Solved {
     /// Parameters of some places that differ in `late` blocks, and by how much that lowers the squares. None where the
     /// blocks do not tell them apart.
     #[must_use]

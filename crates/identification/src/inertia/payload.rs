@@ -12,7 +12,7 @@ use dynamics::PARAMETERS;
 /// Mass and first moment: a payload's own inertia is felt little.
 const CHANGED: usize = 4;
 /// Share of the squares beyond noise that a change explains at least to be named, and of all squares. On sound logs of
-/// sixty drawn arms a change explained at most a fiftieth of all squares; with a payload it was more than a third.
+/// thirty drawn arms a change explained at most a thirtieth of all squares; with a payload it was more than a third.
 const OF_SYSTEMATIC: f64 = 0.5;
 const OF_ALL: f64 = 0.25;
 /// Least change of a mass, as a share of the link's: friction that warms up resembles less.
