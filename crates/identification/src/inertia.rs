@@ -18,6 +18,8 @@ pub mod gains;
 pub mod held;
 pub mod judge;
 pub mod mend;
+pub mod noise;
+pub mod payload;
 pub mod robot;
 pub mod rows;
 pub mod select;
@@ -259,6 +261,9 @@ pub fn calibrate(
         far.into_iter().map(|(_, reason)| reason).collect()
     };
     let terms: Vec<JointFriction> = (0..robot.measured.len()).map(terms).collect();
+    contradictions.extend(payload::changes(
+        robot, rows, &sampling, &prior, &fit, &grams,
+    ));
     contradictions.extend(gains::driving(robot, &terms, &judged, &motion));
     Ok(Calibration {
         verdicts: contradictions::joints(robot, &judged, &motion),

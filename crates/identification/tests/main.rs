@@ -1,5 +1,6 @@
 //! All tests of `identification` in one program, which is built and linked once.
 
+mod arms;
 #[path = "common/bench.rs"]
 mod bench;
 mod contradictions;

@@ -1,17 +1,15 @@
 //! Link inertias that a body can have, nearest to the URDF's as far as the torques leave them open.
 //!
-//! Ten parameters belong to a body with mass at every point where its pseudo-inertia
-//! `J = [[S, h], [h', m]]`, `S = 1/2 tr(I) 1 - I`, is positive definite (Wensing, Kim, Slotine
-//! 2018). The distance from the URDF's is Bregman's divergence of `-log det J` (Lee, Wensing, Park
-//! 2020): it does not depend on frames or units, is convex in the parameters, and is infinite at the
-//! boundary. So
+//! Ten parameters belong to a body with mass at every point where its pseudo-inertia `J = [[S, h], [h', m]]`,
+//! `S = 1/2 tr(I) 1 - I`, is positive definite (Wensing, Kim, Slotine 2018). The distance from the URDF's is Bregman's
+//! divergence of `-log det J` (Lee, Wensing, Park 2020): it does not depend on frames or units, is convex in the
+//! parameters, and is infinite at the boundary. So
 //!
 //! ```text
 //! minimise  1/2 x'A x - m'x + lambda sum_bodies [ -log det J + tr(J0^-1 J) ]
 //! ```
 //!
-//! is convex: Newton's method with a step that stays inside finds its one solution along the
-//! central path, without a solver for semidefinite programs.
+//! is convex: Newton's method along the central path finds its one solution.
 
 use super::robot::Robot;
 use dynamics::{Inertia, PARAMETERS};
@@ -45,6 +43,8 @@ pub struct Prior {
     pub curvature: Vec<TenByTen>,
     /// J0^-1 per body.
     inverse: Vec<Matrix4<f64>>,
+    /// Bodies of which the URDF has a mass.
+    pub weighed: Vec<bool>,
     /// True where the URDF has no masses: the prior is a guess.
     pub guessed: bool,
     /// Links whose inertia no body can have, or that have none.
@@ -60,7 +60,7 @@ impl Prior {
         let guessed = total <= 1e-6;
         let small = SMALL_SHARE * total / bodies.len().max(1) as f64;
         let (mut mended, mut parameters) = (Vec::new(), DVector::zeros(PARAMETERS * bodies.len()));
-        let (mut curvature, mut inverse) = (Vec::new(), Vec::new());
+        let (mut curvature, mut inverse, mut weighed) = (Vec::new(), Vec::new(), Vec::new());
         for (index, body) in bodies.iter().enumerate() {
             let least = if guessed { GUESSED_MASS } else { small };
             let towards = bodies.iter().find(|b| b.parent == index + 1);
@@ -75,12 +75,14 @@ impl Prior {
             // Positive definite by construction.
             let inverted = pseudo(&ten).try_inverse().unwrap_or_else(Matrix4::identity);
             curvature.push(hessian(&inverted));
+            weighed.push(body.inertia.mass >= least && !guessed);
             inverse.push(inverted);
         }
         Self {
             parameters,
             curvature,
             inverse,
+            weighed,
             guessed,
             mended,
         }
@@ -251,13 +253,12 @@ fn hessian(inverse: &Matrix4<f64>) -> TenByTen {
     TenByTen::from_fn(|a, b| (products[a] * products[b]).trace())
 }
 
-/// The solution for normal equations `A x = m` of which the first unknowns are the bodies', from
-/// a start that the prior admits. None where the equations are not finite.
+/// The solution for normal equations `A x = m` of which the first unknowns are the bodies', from a start that the prior
+/// admits. None where the equations are not finite.
 ///
-/// The weight of `-log det J` falls to `lambda` in steps from one that keeps every body far from
-/// the boundary (path-following, Nesterov and Nemirovskii 1994), while that of `tr(J0^-1 J)` is
-/// `lambda` or little more throughout: pulled by it towards a prior of a much lighter body,
-/// Newton's steps would run into the boundary and creep along it.
+/// The weight of `-log det J` falls to `lambda` in steps from one that keeps every body far from the boundary
+/// (path-following, Nesterov and Nemirovskii 1994), while that of `tr(J0^-1 J)` is `lambda` or little more throughout:
+/// pulled by it towards a prior of a much lighter body, Newton's steps would run into the boundary and creep along it.
 #[must_use]
 pub fn fit(
     a: &DMatrix<f64>,
@@ -408,14 +409,13 @@ mod tests {
         assert!((from_pseudo(&pseudo(&p)) - p).norm() < 1e-15);
         assert!((ten(&inertia(&p)) - p).norm() == 0.0);
         assert!(pseudo(&p).cholesky().is_some());
-        // Principal moments of which one exceeds the sum of the others.
-        let flat = Inertia::from_central(
+        let too_flat = Inertia::from_central(
             1.0,
             Vector3::zeros(),
             Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 2.5)),
         );
-        assert!(pseudo(&ten(&flat)).cholesky().is_none());
-        let (mended, changed) = possible(&flat, 0.1, Vector3::zeros());
+        assert!(pseudo(&ten(&too_flat)).cholesky().is_none());
+        let (mended, changed) = possible(&too_flat, 0.1, Vector3::zeros());
         assert!(changed && pseudo(&mended).cholesky().is_some());
     }
 
@@ -469,6 +469,7 @@ mod tests {
             parameters: DVector::from_column_slice(small.as_slice()),
             curvature: vec![hessian(&inverse)],
             inverse: vec![inverse],
+            weighed: vec![true],
             guessed: false,
             mended: Vec::new(),
         };

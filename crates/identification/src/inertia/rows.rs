@@ -49,6 +49,19 @@ impl Sampling {
         }
     }
 
+    /// Share of white noise's square in a row that is left in a sixth of the square of rows' second differences: the
+    /// filter makes neighbouring rows alike.
+    #[must_use]
+    pub fn second_difference(&self) -> f64 {
+        let weights = self.filter();
+        let product = |lag: usize| -> f64 {
+            let later = weights.iter().skip(lag * self.every);
+            weights.iter().zip(later).map(|(a, b)| a * b).sum()
+        };
+        let [own, next, second] = [0, 1, 2].map(product);
+        1.0 - (8.0 * next - 2.0 * second) / (6.0 * own)
+    }
+
     /// Weights of the low-pass filter: a sinc under Hann's window, their sum 1.
     fn filter(&self) -> Vec<f64> {
         let half = (FILTER_PERIODS * self.grid / self.cut_off).round().max(1.0) as i64;

@@ -4,14 +4,16 @@
 //! (delays either way, low-passes with and without phase) is put on the model's side, on the regressor with its
 //! friction, and links and friction are fitted under it. A delay shows both as a phase against the acceleration and
 //! against the velocity, which no links explain together; a low-pass as missing sudden torques. The filter that leaves
-//! far less than none is named.
+//! far less than none is named: of the squares beyond noise, and in the blocks of the log alike.
 
 use super::consistent::Prior;
 use super::equations::{Grams, Solved, Weights};
 use super::friction::Friction;
+use super::noise;
 use super::robot::Robot;
 use super::rows::{BLOCKS, JointRows, Rows, Sampling};
 use super::select::always;
+use nalgebra::DVector;
 use problem::Problem;
 use std::f64::consts::{PI, TAU};
 
@@ -30,8 +32,11 @@ const MAX_ROWS: usize = 2_000;
 const MIN_ROWS: usize = 100;
 /// Weight of the URDF's inertias.
 const LAMBDA: f64 = 1e-2;
-/// Share of the squares that a filter leaves at most to be named.
+/// Share of the squares beyond noise that a filter leaves at most to be named.
 const MUCH_BETTER: f64 = 0.5;
+/// Mean gain of the blocks over its standard error, from which it is no chance: one in two thousand (Student, 15
+/// degrees of freedom).
+const SIGNIFICANT: f64 = 4.0;
 /// Share of the torque's deviation that is unexplained at least, before a filter is looked for.
 const UNEXPLAINED: f64 = 0.02;
 /// Delay that changes no mass by much, s.
@@ -117,7 +122,7 @@ pub fn judge(
     friction: &[Friction],
 ) -> Option<Problem> {
     let judge = Judge::new(rows, sampling, prior, friction)?;
-    if judge.left < UNEXPLAINED {
+    if judge.left < UNEXPLAINED || judge.square <= judge.noise {
         return None;
     }
     let every: Vec<(Filter, Grams)> = Filter::all().map(|f| (f, judge.grams(f))).collect();
@@ -125,24 +130,35 @@ pub fn judge(
     let mut named = (rest, filter, String::new());
     for joint in (0..rows.joints).filter(|k| friction[*k].moves) {
         if let Some((filter, rest)) = judge.best(&every, Some(joint))
-            && rest < named.0 * if named.2.is_empty() { OWN } else { 1.0 }
+            && rest.share < named.0.share * if named.2.is_empty() { OWN } else { 1.0 }
         {
             named = (rest, filter, format!(" of `{}`", robot.name(joint)));
         }
     }
     let (rest, filter, of) = named;
     let small = matches!(filter, Filter::Delay(late) if late.abs() < SMALL);
-    if rest > MUCH_BETTER || small {
+    if rest.systematic > MUCH_BETTER || rest.student < SIGNIFICANT || small {
         return None;
     }
     let reason = format!(
         "links and friction leave {:.1} % of the torques unexplained, but {:.1} % if {}",
         100.0 * judge.left,
-        100.0 * judge.left * rest.sqrt(),
+        100.0 * judge.left * rest.share.sqrt(),
         filter.words(&of)
     );
     let allowed = "torques and angles of one time, filtered alike or not at all; --accept takes them as they stand";
     Some(Problem::new(reason, allowed))
+}
+
+/// What a filter leaves of the squares.
+#[derive(Debug, Clone, Copy)]
+struct Rest {
+    /// Share of all squares.
+    share: f64,
+    /// Share of those beyond noise.
+    systematic: f64,
+    /// Mean gain of the blocks over its standard error.
+    student: f64,
 }
 
 /// Regressor, prior and squares by which a filter is judged.
@@ -156,8 +172,11 @@ struct Judge<'a> {
     step: f64,
     plain: Grams,
     weights: Weights,
-    /// Sum of squares without a filter.
+    /// Sum of squares without a filter, and in each block.
     square: f64,
+    blocks: Vec<f64>,
+    /// Sum of squares that white noise alone leaves.
+    noise: f64,
     /// Share of the torques' deviation that is left without a filter, RMS over the joints.
     left: f64,
 }
@@ -201,8 +220,13 @@ impl<'a> Judge<'a> {
             left: (squares / rows.joints.max(1) as f64).sqrt(),
             weights,
             square: 0.0,
+            blocks: Vec::new(),
+            noise: 0.0,
         };
-        judge.square = judge.residual(&judge.plain)?;
+        let x = judge.solve(&judge.plain)?;
+        judge.blocks = judge.each_block(&judge.plain, &x);
+        judge.square = judge.blocks.iter().sum();
+        judge.noise = noise::squares(&own, sampling, &x, &judge.plain, &judge.weights);
         Some(judge)
     }
 
@@ -221,31 +245,57 @@ impl<'a> Judge<'a> {
         Grams::new(&filtered, &self.weights)
     }
 
-    fn residual(&self, grams: &Grams) -> Option<f64> {
+    fn solve(&self, grams: &Grams) -> Option<DVector<f64>> {
         let all: Vec<usize> = (0..BLOCKS).collect();
         let normal = grams.normal(&all, &self.weights.sigma);
-        let x = Solved::new(&normal, self.prior, LAMBDA, &self.keep)?.x;
-        Some(normal.residual(&x))
+        Some(Solved::new(&normal, self.prior, LAMBDA, &self.keep)?.x)
     }
 
-    /// The best filter of all joints, or of one, and the share of the squares that it leaves.
-    fn best(&self, every: &[(Filter, Grams)], joint: Option<usize>) -> Option<(Filter, f64)> {
-        let share = |grams: &Grams| Some(self.residual(grams)? / self.square.max(1e-30));
+    /// Sum of squares of each block.
+    fn each_block(&self, grams: &Grams, x: &DVector<f64>) -> Vec<f64> {
+        let of = |block: usize| -> f64 {
+            let sigma = self.weights.sigma.iter().enumerate();
+            sigma
+                .map(|(joint, s)| grams.residual(joint, &[block], x) / s.powi(2))
+                .sum()
+        };
+        (0..BLOCKS).map(of).collect()
+    }
+
+    /// What a filter leaves.
+    fn rest(&self, grams: &Grams) -> Option<Rest> {
+        let blocks = self.each_block(grams, &self.solve(grams)?);
+        let square: f64 = blocks.iter().sum();
+        let gains = self.blocks.iter().zip(&blocks).map(|(a, b)| a - b);
+        let n = BLOCKS as f64;
+        let mean = (self.square - square) / n;
+        let variance = gains.map(|gain| (gain - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        Some(Rest {
+            share: square / self.square.max(1e-30),
+            systematic: (square - self.noise) / (self.square - self.noise).max(1e-30),
+            student: mean / (variance / n).sqrt().max(1e-30),
+        })
+    }
+
+    /// The best filter of all joints, or of one, and what it leaves.
+    fn best(&self, every: &[(Filter, Grams)], joint: Option<usize>) -> Option<(Filter, Rest)> {
         let tried = every.iter().filter_map(|(filter, grams)| {
             let rest = match joint {
-                None => share(grams)?,
-                Some(k) => share(&self.plain.with_joint(k, grams))?,
+                None => self.rest(grams)?,
+                Some(k) => self.rest(&self.plain.with_joint(k, grams))?,
             };
             Some((*filter, rest))
         });
-        let tried: Vec<(Filter, f64)> = tried.collect();
-        let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let tried: Vec<(Filter, Rest)> = tried.collect();
+        let best = tried
+            .iter()
+            .min_by(|a, b| a.1.share.total_cmp(&b.1.share))?;
         let Filter::Delay(_) = best.0 else {
             return Some(*best);
         };
         let mut delays: Vec<(f64, f64)> = vec![(0.0, 1.0)];
         delays.extend(tried.iter().filter_map(|(filter, rest)| match filter {
-            Filter::Delay(late) => Some((*late, *rest)),
+            Filter::Delay(late) => Some((*late, rest.share)),
             _ => None,
         }));
         delays.sort_by(|a, b| a.0.total_cmp(&b.0));
