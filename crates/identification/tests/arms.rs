@@ -201,8 +201,7 @@ fn masses_that_torques_hardly_show_stay_near_the_urdfs() {
     }
 }
 
-/// A payload in the hand for half of the log, or a delay under noise: the contradiction is named with its size. Half
-/// of all squares, noise included, were asked of a delay, and none was found here.
+/// A payload in the hand for half of the log, or a delay under noise: the contradiction is named with its size.
 #[test]
 fn payloads_and_delays_under_noise_are_named() {
     let cases = [
