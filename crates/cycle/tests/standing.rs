@@ -242,10 +242,13 @@ fn what_its_feet_cannot_hold_ends_the_mode_by_name() {
     assert_eq!(record.commander.cause, Event::ReferenceRejected.number());
 }
 
+/// Changes the six signals of an F/T sensor.
+type Spoil = fn(&mut [f64; 6]);
+
 /// What its sensors measure does not carry it: to balance by that would make it sway by degrees.
 #[test]
 fn it_does_not_begin_to_balance_by_an_ft_sensor_that_has_erred_before() {
-    let spoils: [(&str, fn(&mut [f64; 6])); 3] = [
+    let spoils: [(&str, Spoil); 3] = [
         ("force along", |axes| axes[2] += 80.0),
         ("force across", |axes| axes[0] -= 80.0),
         ("moment", |axes| axes[5] += 20.0),
