@@ -20,6 +20,7 @@ mod carry;
 mod constants;
 mod controller;
 mod enter;
+mod followed;
 mod hold_guard;
 mod law;
 mod level_correction;

@@ -370,3 +370,33 @@ fn a_joint_in_motion_whose_encoders_both_stop_is_switched_off() {
         assert!(way < 2.5 && share < 0.3, "{what}");
     }
 }
+
+/// Both encoders slip as one while samples stay away. Their filters see a joint that has run, and whoever believed them
+/// would move it by more than the slip.
+#[test]
+fn encoders_that_slip_as_one_in_a_gap_of_samples_are_no_motion() {
+    const KNEE: usize = 3;
+    const SLIP: f64 = 0.05;
+    for mode in [Mode::Torque, Mode::InverseDynamics, Mode::Passive] {
+        let (mut bench, reference) = in_mode(mode);
+        let mut reference = reference.unwrap();
+        let ratio = bench.robot.parameters.joints[KNEE].encoders.gear_ratio;
+        let mut motion = Motion::of(&bench);
+        for cycle in 0..400 {
+            bench.gather();
+            if cycle < 10 {
+                bench.drop_answers(|_| true);
+            }
+            spoil(&mut bench, KNEE, |now| {
+                now[slots::link_angle(KNEE)] += SLIP;
+                now[slots::motor_angle(KNEE)] += SLIP * ratio;
+            });
+            reference.sequence += 1;
+            bench.compute(&client_input(&reference));
+            motion.take(&bench);
+        }
+        assert_ne!(bench.cycle.record().fault, 0, "{mode:?}");
+        let (way, speed) = (motion.displacement_deg(), motion.speed_share());
+        assert!(way < 1.0 && speed < 0.35, "{mode:?}: {way} deg, {speed}");
+    }
+}

@@ -163,6 +163,12 @@ impl Following {
         self.error
     }
 
+    /// A following error beyond its limit is being counted.
+    #[must_use]
+    pub fn exceeds(&self) -> bool {
+        self.over[0] > 0.0
+    }
+
     /// Takes what the drive shows. A deviation is returned for as long as it lasts, with whether it begins:
     /// a reaction that was missed once is not lost.
     pub fn update(&mut self, shown: &Shown) -> Option<(Deviation, bool)> {

@@ -7,6 +7,7 @@ use supervisor::{Limits, Motion, Shown};
 
 use super::JointInput;
 use super::carry::{CarryParameters, smaller};
+use super::sample_gap::Known;
 use crate::mode::{Follow, Foresight, Impedance};
 
 /// Share of the torque limit that a drive's damping must make of a velocity by which a filter is late, before an observer
@@ -57,6 +58,20 @@ impl Constants {
             dq,
             weight: input.weight,
         }
+    }
+
+    /// The motion at velocities that no filter knows, after a gap of samples; that of drives that take currents is left,
+    /// as their damping needs a smooth one.
+    pub(super) fn moving_at(&self, known: Known, motion: Motion) -> Motion {
+        let (Known::Before([link, motor]) | Known::After([link, motor])) = known else {
+            return motion;
+        };
+        let dq = match (&self.drive, self.has_link_encoder) {
+            (DriveModel::Current(_), _) => motion.dq,
+            (DriveModel::Position(_), true) => smaller(link, motor),
+            (DriveModel::Position(_), false) => motor,
+        };
+        Motion { dq, ..motion }
     }
 
     /// The drive's own signal: by each encoder the position plus the lead of torque and velocity, rad; of

@@ -1,23 +1,23 @@
 //! Controller: one joint's state, its law and its limits.
 
 use control::DriveModel;
-use control::predictive::{PredictiveLaw, TorqueTerms};
+use control::predictive::PredictiveLaw;
 use problem::Problem;
 use robot_config::Parameters;
-use robot_state::{JointCommanded, Mode, command_flags, measured_flags};
+use robot_state::{JointCommanded, command_flags, measured_flags};
 use supervisor::{Deviation, Following, Limited, Limiter, Motion, Shown};
 
 use super::carry::Carry;
 use super::constants::Constants;
+use super::followed::Followed;
 use super::hold_guard::HoldGuard;
-use super::law::{Desired, Law};
-use super::rest::{self, Rest};
-use super::resynchronisation::Resynchronisation;
+use super::law::Law;
+use super::rest;
 use super::sample_gap::{Known, SampleGap};
-use super::transition::{Stop, Transition};
+use super::transition::Stop;
 use super::{Gap, JointInput, Trust};
 use crate::measure::NOT_USED;
-use crate::mode::{Bristle, Entry, Follow, Impedance, JointGoal, Speed};
+use crate::mode::{Entry, JointGoal, Speed};
 
 /// Torque that a joint whose drive is hot may make at least, over that of its weight: a limit below it would let the
 /// joint fall. A payload of a fifth of the limb's mass may be unknown to the model.
@@ -31,18 +31,6 @@ pub(super) enum State {
     Carry(Carry),
     /// The joint follows a desired torque.
     Follow(Followed),
-}
-
-/// State of a joint that follows a desired torque.
-#[derive(Debug, Clone)]
-pub(super) struct Followed {
-    pub(super) mode: Mode,
-    pub(super) transition: Transition,
-    pub(super) impedance: Impedance,
-    /// Back to the reference after a gap of the loop.
-    pub(super) resynchronisation: Option<Resynchronisation>,
-    /// Where the joint stands to which the loop adds friction.
-    pub(super) rest: Rest,
 }
 
 impl State {
@@ -184,13 +172,15 @@ impl Controller {
         commanded: &mut JointCommanded,
     ) -> Option<(Deviation, bool)> {
         let motion = self.constants.motion(input);
+        let known = self.known_velocities(&motion, input);
+        let motion = self.constants.moving_at(known, motion);
         let input = &JointInput {
             gap: self.resume(input.gap),
             ..*input
         };
         self.law.observe(&self.constants, &motion, input);
         let after_gap = (self.law.predictive()).and_then(PredictiveLaw::velocities_after_gap);
-        let deviation = self.deviation(&motion, after_gap, input);
+        let deviation = self.deviation(&motion, (known, after_gap), input);
         let is_doubtful = matches!(deviation, Some((Deviation::Doubtful, _)));
         self.doubted |= self.is_motor_side_only() && is_doubtful;
         self.guard_hold(input);
@@ -199,7 +189,11 @@ impl Controller {
         let quick =
             (self.observed_rotor()).and_then(|rotor| self.constants.quick_velocity(rotor, &motion));
         self.limiter.judge_by(after_gap.or(quick));
-        let limited = self.limit(goal, asked, &motion, input);
+        let limited = if self.may_have_slipped(known) {
+            self.limiter.hold(self.limiter.last(), &motion, false)
+        } else {
+            self.limit(goal, asked, &motion, input)
+        };
         self.following.note_sent(limited.applied);
         commanded.following_error = self.following.error();
         self.law.sent(limited.applied);
@@ -243,28 +237,42 @@ impl Controller {
         rotor.filter(|_| matches!(self.state, Some(State::Follow(_))))
     }
 
+    /// Velocities of link and motor as far as samples that stayed away leave them known.
+    fn known_velocities(&mut self, motion: &Motion, input: &JointInput<'_>) -> Known {
+        let measured = input.measured;
+        let filtered = [measured.dq, measured.omega / self.constants.gear_ratio];
+        let usable = measured.flags & NOT_USED == 0;
+        let angles = usable.then_some([motion.q, motion.theta]);
+        self.sample_gap.update(angles, filtered, input.dt)
+    }
+
+    /// A joint seems to have moved while its samples stayed away, and its drive, which takes positions, does not show that:
+    /// its encoders may have slipped, and its set-point stays.
+    fn may_have_slipped(&self, known: Known) -> bool {
+        let doubtful = match known {
+            Known::Filtered(_) => false,
+            Known::Before(_) => true,
+            Known::After(_) => self.following.exceeds(),
+        };
+        doubtful && !self.takes_current()
+    }
+
     /// How the drive deviates from its commands, and whether that begins; `after_gap`: velocities of link and rotor
-    /// that no filter knows yet, rad/s.
+    /// that no filter knows yet after a gap of the loop, rad/s.
     fn deviation(
         &mut self,
         motion: &Motion,
-        after_gap: Option<[f64; 2]>,
+        (known, after_gap): (Known, Option<[f64; 2]>),
         input: &JointInput<'_>,
     ) -> Option<(Deviation, bool)> {
         if input.measured.flags & measured_flags::MISSED != 0 {
             self.following.miss();
-            self.sample_gap.miss();
             return None;
         }
-        let known = self.sample_gap.sample([motion.q, motion.theta], input.dt);
         let after_gap = match known {
-            Known::Filtered => after_gap,
-            Known::Nothing => return None,
-            Known::Velocities(velocities) => Some(velocities),
-        };
-        let motion = &Motion {
-            dq: known.velocity(motion.dq),
-            ..*motion
+            Known::Filtered(_) => after_gap,
+            Known::Before(_) => return None,
+            Known::After(velocities) => Some(velocities),
         };
         let integral = self.law.predictive();
         let integral = integral.map_or(0.0, PredictiveLaw::drive_integral_torque);
@@ -409,83 +417,5 @@ impl Controller {
             .constants
             .enter(goal, (last, from), &motion, input, self.doubted);
         self.state = Some(state);
-    }
-}
-
-impl Followed {
-    /// A mode goes on from the torque, and from where the joint is, to which its drive has led it on its own in a gap
-    /// of the loop.
-    fn resume(&mut self, torque: f64, follow: &Follow, (q, dq): (f64, f64), joint: &Constants) {
-        self.transition = Transition::resuming(torque);
-        if let Some(spring) = &follow.spring {
-            let behind = [spring.q_d - q, spring.dq_d - dq];
-            self.resynchronisation = Some(Resynchronisation::from(behind, joint.limits.velocity));
-        }
-    }
-
-    /// The desired torque of this cycle.
-    fn desired(
-        &mut self,
-        follow: &Follow,
-        law: &mut Law,
-        joint: &Constants,
-        input: &JointInput<'_>,
-    ) -> Desired {
-        let measured = input.measured;
-        let terms = match &follow.spring {
-            None => TorqueTerms {
-                feedforward: follow.torque.feedforward,
-                position: self.bristle(follow, law, joint, input).unwrap_or(0.0),
-                ..TorqueTerms::default()
-            },
-            Some(spring) => {
-                self.impedance
-                    .lead(spring.impedance, &joint.gains, input.dt);
-                let wanted = [spring.q_d, spring.dq_d];
-                let set_back =
-                    (self.resynchronisation.as_mut()).and_then(|r| r.set_back(wanted, input.dt));
-                if set_back.is_none() {
-                    self.resynchronisation = None;
-                }
-                let wanted = set_back.unwrap_or(wanted);
-                let share = joint.foreseen_share(spring.foresight, self.impedance);
-                law.desire_motion(wanted, share);
-                let dq = law.link_velocity().unwrap_or(measured.dq);
-                let now = (measured.q, dq);
-                let mut terms = joint.tracking_terms(follow, self.impedance, wanted, now);
-                if let Some(bristle) = self.bristle(follow, law, joint, input) {
-                    terms.position += bristle;
-                }
-                terms
-            }
-        };
-        Desired {
-            terms,
-            contact_error: follow.torque.contact_error,
-        }
-    }
-
-    /// Torque of the friction that the loop adds, N·m; none where it adds none.
-    fn bristle(
-        &mut self,
-        follow: &Follow,
-        law: &Law,
-        joint: &Constants,
-        input: &JointInput<'_>,
-    ) -> Option<f64> {
-        let q = input.measured.q;
-        let friction = match follow.bristle {
-            Bristle::None => {
-                self.rest = Rest::at(q);
-                return None;
-            }
-            Bristle::Torque => joint.rest_friction,
-            Bristle::LetGo => {
-                let sigma = input.tau_encoder.sigma.max(0.0);
-                (joint.let_go_friction).max(joint.unknown_level * sigma)
-            }
-        };
-        let dq = law.link_velocity().unwrap_or(input.measured.dq);
-        Some(self.rest.torque((q, dq), &joint.gains, friction))
     }
 }

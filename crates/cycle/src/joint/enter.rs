@@ -5,7 +5,8 @@ use supervisor::Motion;
 
 use super::carry::Carry;
 use super::constants::Constants;
-use super::controller::{Followed, State};
+use super::controller::State;
+use super::followed::Followed;
 use super::rest::Rest;
 use super::transition::{Stop, Transition};
 use super::{JointInput, Trust};
