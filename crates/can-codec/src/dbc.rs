@@ -1,4 +1,7 @@
 //! A DBC file, read and validated.
+//!
+//! The reader is our own: the grammar of the crate `can-dbc` refuses sound files of other programs (statements over
+//! several lines, signals without receivers), and a frame's layout depends on statements that it leaves unread.
 
 mod check;
 mod frame_format;
@@ -68,7 +71,7 @@ pub struct Signal {
     /// Line in the file, from 1.
     pub line: usize,
     pub(crate) packing: Packing,
-    /// What a multiplexed signal is present on.
+    /// Values of a multiplexer on which the signal is present; none: it always is.
     pub(crate) condition: Option<Condition>,
 }
 

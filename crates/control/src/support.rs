@@ -74,7 +74,7 @@ pub struct Support {
     contact: [Wrench; MAX_FT_SENSORS],
 }
 
-/// How far the wrenches that F/T sensors measure are from those that carry a robot at rest.
+/// Distance of the wrenches that F/T sensors measure from the one that carries a robot at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imbalance {
     /// Force, share of the weight.
@@ -209,8 +209,8 @@ impl Support {
         &self.wrenches
     }
 
-    /// What all F/T sensors have measured in the last cycle beside what carries the robot at rest at these angles (model
-    /// order, rad, of the instant of the measurement); none where nothing bears it.
+    /// The sum of all wrenches that F/T sensors have measured in the last cycle, less the one that carries the robot at rest
+    /// at these angles (model order, rad, of the instant of the measurement); none where nothing bears it.
     pub fn imbalance(&mut self, q: &[f64]) -> Option<Imbalance> {
         self.a.fill(0.0);
         self.set_angles(q);

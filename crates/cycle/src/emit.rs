@@ -211,8 +211,7 @@ impl Emit {
             return;
         };
         joint.driven |= driven;
-        // Somebody else's words may enable a drive again and again.
-        if driven || state != DriveState::Enabled && joint.off >= self.runs_limit {
+        if driven || state != DriveState::Enabled {
             (joint.deaf, joint.left_at) = (0, angle);
             return;
         }

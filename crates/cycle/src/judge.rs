@@ -241,13 +241,12 @@ impl Soundness {
             .map_or([f64::NAN; 2], |joint| joint.shown)
     }
 
-    /// Whether a joint's encoders can be relied on: not while they prove themselves anew.
+    /// Whether a joint's encoders can be relied on.
     pub(crate) fn trust(&self, joint: usize) -> Trust {
-        let sound = |joint: &JointReadiness| joint.plausible && !joint.distrusted;
-        if self.joints.get(joint).is_none_or(sound) {
-            Trust::Sound
-        } else {
+        if self.joints.get(joint).is_some_and(|joint| joint.distrusted) {
             Trust::Distrusted
+        } else {
+            Trust::Sound
         }
     }
 

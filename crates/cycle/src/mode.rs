@@ -149,7 +149,8 @@ pub(crate) type JointBits = u64;
 pub(crate) enum Unfit {
     /// Joints.
     Joints(JointBits),
-    /// Feet that do not bear the robot: a bit for each F/T sensor, in config order.
+    /// Feet that do not bear the robot, or whose sensors do not show that they do: a bit for each F/T sensor, in config
+    /// order.
     FtSensors(u64),
     /// The feet do not hold the robot's centre of mass.
     Balance,

@@ -245,7 +245,7 @@ fn what_its_feet_cannot_hold_ends_the_mode_by_name() {
 /// Changes the six signals of an F/T sensor.
 type Spoil = fn(&mut [f64; 6]);
 
-/// What its sensors measure does not carry it: to balance by that would make it sway by degrees.
+/// Wrenches that do not carry the robot: to balance by them would make it sway by degrees.
 #[test]
 fn it_does_not_begin_to_balance_by_an_ft_sensor_that_has_erred_before() {
     let spoils: [(&str, Spoil); 3] = [

@@ -1,23 +1,11 @@
 //! URDFs as people and other programs write them: read as they are meant, or refused with their line.
 
+#[path = "support/sound_urdf.rs"]
+mod sound_urdf;
+
 use dynamics::{Base, Model};
 use problem::Problem;
-
-/// A sound robot, one element a line; tests replace one of them.
-const LINES: [&str; 12] = [
-    r#"<robot name="r">"#,
-    r#"<link name="a"><inertial>"#,
-    r#"<origin xyz="0 0 0.1" rpy="0 0 0"/>"#,
-    r#"<mass value="1"/>"#,
-    r#"<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>"#,
-    r#"<visual><geometry/></visual></link>"#,
-    r#"<link name="b"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>"#,
-    r#"<joint name="j" type="revolute"><origin xyz="0 0 1"/>"#,
-    r#"<parent link="a"/><child link="b"/>"#,
-    r#"<axis xyz="0 0 1"/>"#,
-    r#"<limit lower="-1" upper="1" effort="1" velocity="1"/>"#,
-    r#"</joint></robot>"#,
-];
+use sound_urdf::LINES;
 
 fn with(line: usize, replacement: &str) -> String {
     let mut lines = LINES;

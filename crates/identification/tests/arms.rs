@@ -175,7 +175,7 @@ impl Sweep {
     clippy::disallowed_macros,
     reason = "the figures are for the documents"
 )]
-fn no_contradiction_gives_masses_far_off_many() {
+fn few_contradictory_logs_give_masses_far_off() {
     // Seeds that no rule was designed with.
     let seeds = std::env::var("SEEDS").unwrap_or("70000..70040".into());
     let (from, to) = seeds.split_once("..").unwrap();

@@ -2,6 +2,7 @@
 //! more than a factor of three, and the cause has to be named. Sound logs pass, wraps and bad
 //! samples included.
 
+use crate::arm_link::link;
 use dynamics::{Base, Data, Model, rnea};
 use identification::inertia::{Calibration, JointColumns, Robot, RobotLog, calibrate};
 use problem::Problems;
@@ -40,11 +41,6 @@ impl Arm {
 fn urdfs(joints: usize, random: &mut Random) -> (String, String) {
     let mut texts = [(); 2].map(|()| r#"<robot name="arm"><link name="base"/>"#.to_owned());
     for k in 0..joints {
-        let parent = if k == 0 {
-            "base".to_owned()
-        } else {
-            format!("link{}", k - 1)
-        };
         let length = 0.15 + 0.25 * random.unit();
         let mass = (6.0 - 1.1 * k as f64).max(0.8) * (0.8 + 0.4 * random.unit());
         let centre = [
@@ -62,22 +58,10 @@ fn urdfs(joints: usize, random: &mut Random) -> (String, String) {
         let effort = 200.0 / (1.0 + k as f64);
         let (change, moved) = (1.0 + 0.33 * random.symmetric(), random.array::<3>());
         for (text, (factor, way)) in texts.iter_mut().zip([(1.0, 0.0), (change, 0.02)]) {
-            let m = mass * factor;
             let c: Vec<f64> = (0..3)
                 .map(|i| centre[i] + way * (2.0 * moved[i] - 1.0))
                 .collect();
-            let (thin, long) = (0.0016 * m, m * (0.0016 + length * length / 12.0));
-            let _ = write!(
-                text,
-                r#"<link name="link{k}"><inertial><origin xyz="{} {} {}"/><mass value="{m}"/><inertia ixx="{thin}" iyy="{long}" izz="{long}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-                <joint name="{}" type="continuous"><parent link="{parent}"/><child link="link{k}"/><origin xyz="{} 0 {}"/><axis xyz="{axis}"/><limit effort="{effort}" velocity="3"/></joint>"#,
-                c[0],
-                c[1],
-                c[2],
-                ["turn", "lift", "elbow", "roll", "bend", "flange"][k],
-                if k == 0 { 0.0 } else { length },
-                if k == 0 { 0.2 } else { 0.0 },
-            );
+            *text += &link(k, mass * factor, &c, (length, axis, effort));
         }
     }
     let [urdf, truth] = texts.map(|text| text + "</robot>");

@@ -1,5 +1,7 @@
 //! All tests of `identification` in one program, which is built and linked once.
 
+#[path = "common/arm_link.rs"]
+mod arm_link;
 mod arms;
 #[path = "common/bench.rs"]
 mod bench;

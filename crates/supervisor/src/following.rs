@@ -246,7 +246,7 @@ fn runs_away(before: &Shown, now: &Shown, (error, least_change): (f64, f64)) -> 
     let by_torque = (now.torque_way - before.torque_way) * error.signum();
     let [least, most] = WITNESSED.map(|share| share * by_torque);
     let changes = (now.lead - before.lead) * error.signum() > least_change;
-    changes && by_torque > 0.0 && (least..most).contains(&way) && of_link < most
+    changes && (least..most).contains(&way) && of_link < most
 }
 
 #[cfg(test)]

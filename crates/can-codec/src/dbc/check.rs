@@ -127,7 +127,7 @@ impl Check<'_> {
 
     fn signals(&mut self, dbc: &Statements, message: &MessageText, len: usize) -> Vec<Signal> {
         let (conditions, problems) = multiplexing::conditions(dbc, message);
-        let told = !problems.is_empty();
+        let unknown = !problems.is_empty();
         problems.into_iter().for_each(|problem| self.add(problem));
         let mut signals = Vec::<Signal>::new();
         // Indices of the signals that cover each bit of the frame so far.
@@ -147,7 +147,7 @@ impl Check<'_> {
             if let Some(coding) = self.coding(dbc, message, signal, &path)
                 && self.place(signal, len, &path)
             {
-                if !told {
+                if !unknown {
                     self.overlap(message, i, &conditions, &mut owners);
                 }
                 let typed = dbc.types.get(message.id, &signal.name).is_some();

@@ -1,4 +1,4 @@
-//! What statements of their own give to messages and signals, by identifier and name.
+//! Values that statements of their own give to messages and signals, by identifier and name.
 
 use super::show_id;
 use super::statements::{MessageText, Value};
@@ -59,8 +59,8 @@ impl<T: PartialEq> Given<T> {
         found.map_or(0, |found| found.1)
     }
 
-    /// Refusals of statements that name no signal of the file: the one that is meant would go without. One of a
-    /// message that was taken out of the file, with its signals, does no harm.
+    /// Refusals of statements that name no signal of the file: the one that is meant would go without. A statement
+    /// about a message that was taken out of the file, with its signals, does no harm.
     pub(super) fn unmatched(&self, messages: &[MessageText], what: &str) -> Vec<Problem> {
         let of_key = |((id, signal), (_, line)): (&(u64, String), &(T, usize))| {
             let problem = unmatched(messages, *id, signal, what)?;

@@ -75,7 +75,7 @@ impl<'a> Scan<'a> {
         self.line
     }
 
-    /// What comes next stands on another line than the part taken last, or is the end of the file.
+    /// The next part stands on another line than the one taken last, or the file ends.
     pub(super) fn at_new_line(&self) -> bool {
         self.line > self.last_line || self.rest().is_empty()
     }

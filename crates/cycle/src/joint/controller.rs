@@ -130,6 +130,7 @@ impl Controller {
     /// The effect of earlier set-points is forgotten: they end, and begin anew where the joint then stands.
     pub(super) fn forget(&mut self) {
         self.state = None;
+        self.sample_gap = SampleGap::default();
         self.following.restart();
         self.law.reset();
     }
@@ -246,15 +247,16 @@ impl Controller {
         self.sample_gap.update(angles, filtered, input.dt)
     }
 
-    /// A joint seems to have moved while its samples stayed away, and its drive, which takes positions, does not show that:
-    /// its encoders may have slipped, and its set-point stays.
+    /// A joint that follows a torque seems to have moved while its samples stayed away, and its drive, which takes
+    /// positions, does not show that: its encoders may have slipped, and its set-point stays.
     fn may_have_slipped(&self, known: Known) -> bool {
         let doubtful = match known {
             Known::Filtered(_) => false,
             Known::Before(_) => true,
             Known::After(_) => self.following.exceeds(),
         };
-        doubtful && !self.takes_current()
+        let follows = matches!(self.state, Some(State::Follow(_)));
+        doubtful && follows && !self.takes_current()
     }
 
     /// How the drive deviates from its commands, and whether that begins; `after_gap`: velocities of link and rotor
@@ -271,7 +273,10 @@ impl Controller {
         }
         let after_gap = match known {
             Known::Filtered(_) => after_gap,
-            Known::Before(_) => return None,
+            Known::Before(_) => {
+                self.following.miss();
+                return None;
+            }
             Known::After(velocities) => Some(velocities),
         };
         let integral = self.law.predictive();

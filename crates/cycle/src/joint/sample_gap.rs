@@ -10,12 +10,12 @@ const MISSED: u32 = 3;
 /// Cycles until the velocity filters' window has nothing of a gap any more.
 const WINDOW: u32 = 20;
 
-/// What is known of a joint's velocities, of link and motor, link side, rad/s.
+/// Velocities of a joint's link and motor, link side, rad/s, and how they are known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Known {
-    /// What the filters say.
+    /// By the filters.
     Filtered([f64; 2]),
-    /// What they said before a gap: this is the first sample after it.
+    /// By the filters before a gap: this is the first sample after it.
     Before([f64; 2]),
     /// By the way since the first sample after a gap.
     After([f64; 2]),

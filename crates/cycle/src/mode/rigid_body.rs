@@ -103,7 +103,7 @@ impl RigidBody {
         self.support.stands_for(sensor)
     }
 
-    /// What all F/T sensors measure beside what carries the robot at rest; none where nothing bears it.
+    /// The wrenches that F/T sensors measure, less the one that carries the robot at rest; none where nothing bears it.
     pub(crate) fn imbalance(&mut self) -> Option<Imbalance> {
         self.support.imbalance(&self.q_hat)
     }

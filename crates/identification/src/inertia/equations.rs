@@ -18,8 +18,8 @@ const RIDGE_OF_OTHERS: f64 = 1e-3;
 const OFFSET_SHARE: f64 = 0.05;
 
 /// Deviation of a mass about the URDF's, as a share of it: a factor of three, beyond which a result contradicts the
-/// URDF, is three deviations (ln 3 / 3). The divergence alone allows a factor of e as one, and torques that hardly tell
-/// a mass from its neighbours' would move it as far.
+/// URDF, is three deviations (ln 3 / 3). The divergence alone allows a factor of e as one, and torques that hardly
+/// separate a mass from its neighbours' would move it as far.
 const MASS_DEVIATION: f64 = 0.366;
 
 /// Moments of one joint's rows in one block.
@@ -278,7 +278,7 @@ impl Solved {
     }
 
     /// Parameters of some places that differ in `late` blocks, and by how much that lowers the squares. None where the
-    /// blocks do not tell them apart.
+    /// blocks do not separate them.
     #[must_use]
     pub fn change(&self, late: &Normal, places: &[usize]) -> Option<(DVector<f64>, f64)> {
         let cross = late.a.select_rows(&self.kept).select_columns(places);

@@ -150,7 +150,7 @@ pub fn judge(
     Some(Problem::new(reason, allowed))
 }
 
-/// What a filter leaves of the squares.
+/// Squares that a filter leaves.
 #[derive(Debug, Clone, Copy)]
 struct Rest {
     /// Share of all squares.
@@ -262,7 +262,7 @@ impl<'a> Judge<'a> {
         (0..BLOCKS).map(of).collect()
     }
 
-    /// What a filter leaves.
+    /// Squares that a filter leaves.
     fn rest(&self, grams: &Grams) -> Option<Rest> {
         let blocks = self.each_block(grams, &self.solve(grams)?);
         let square: f64 = blocks.iter().sum();

@@ -1,11 +1,11 @@
 //! Arms drawn at random: the URDF that a user has, the arm as it is, and its motion, slow to fast, with friction and
 //! with torque noise from a thousandth to a fifth of the torque.
 
+use crate::arm_link::link;
 use dynamics::{Base, Data, Model, rnea};
 use identification::inertia::{Calibration, JointColumns, Robot, RobotLog, calibrate};
 use problem::Problems;
 use std::f64::consts::{FRAC_PI_2, TAU};
-use std::fmt::Write as _;
 use test_support::Random;
 
 pub(crate) const RATE: f64 = 100.0;
@@ -133,10 +133,6 @@ impl Drawn {
 fn urdfs(joints: usize, random: &mut Random) -> [String; 3] {
     let mut texts = [(); 3].map(|()| r#"<robot name="arm"><link name="base"/>"#.to_owned());
     for k in 0..joints {
-        let parent = match k {
-            0 => "base".to_owned(),
-            _ => format!("link{}", k - 1),
-        };
         let length = 0.15 + 0.25 * random.unit();
         let mass = (6.0 - 1.1 * k as f64).max(0.8) * (0.7 + 0.6 * random.unit());
         let across = [0.03 * random.symmetric(), 0.03 * random.symmetric()];
@@ -160,22 +156,10 @@ fn urdfs(joints: usize, random: &mut Random) -> [String; 3] {
                 .iter_mut()
                 .zip([(1.0, 0.0), (change, 0.02), (change + payload, 0.02)])
         {
-            let m = mass * factor;
             let c: Vec<f64> = (0..3)
                 .map(|i| centre[i] + way * (2.0 * moved[i] - 1.0))
                 .collect();
-            let (thin, long) = (0.0016 * m, m * (0.0016 + length * length / 12.0));
-            let _ = write!(
-                text,
-                r#"<link name="link{k}"><inertial><origin xyz="{} {} {}"/><mass value="{m}"/><inertia ixx="{thin}" iyy="{long}" izz="{long}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-                <joint name="{}" type="continuous"><parent link="{parent}"/><child link="link{k}"/><origin xyz="{} 0 {}"/><axis xyz="{axis}"/><limit effort="{effort}" velocity="3"/></joint>"#,
-                c[0],
-                c[1],
-                c[2],
-                ["turn", "lift", "elbow", "roll", "bend", "twist", "flange"][k],
-                if k == 0 { 0.0 } else { length },
-                if k == 0 { 0.2 } else { 0.0 },
-            );
+            *text += &link(k, mass * factor, &c, (length, axis, effort));
         }
     }
     texts.map(|text| text + "</robot>")

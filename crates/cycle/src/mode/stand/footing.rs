@@ -56,8 +56,8 @@ const NEAR_M: f64 = 0.01;
 
 /// Force, share of the weight, and moment over the weight, m, that F/T sensors may measure beside what carries the robot at
 /// rest when the mode begins. More is a payload that the model does not know, something else that holds the robot, or a
-/// sensor that errs. Chosen: sound simulated humanoids show at most 0.001 and 0.8 mm in two worlds, one of whose sensors is
-/// off by 50 N in each axis 0.09.
+/// sensor that errs. Chosen: sound simulated humanoids show at most 0.001 and 0.8 mm in two worlds, and one with a sensor
+/// that is off by 50 N in each axis shows 0.09.
 const FORCE_UNKNOWN: f64 = 0.06;
 const MOMENT_UNKNOWN_M: f64 = 0.015;
 
