@@ -28,6 +28,8 @@ class Case:
     faults: tuple
     bounds: tuple = BOUND
     window_s: float = 1.5
+    #: Further time in the mode before the faults; a motion turns after 0.7 s.
+    after_s: float = 0.0
     #: Replaced words of the configuration.
     changes: dict = field(default_factory=dict, hash=False)
     #: Events that may not be latched.
@@ -84,6 +86,8 @@ CASES = [
     Case("motor stuck", "torque", ("motor_stuck knee 1",), PRESSING, 2.0),
     Case("all motors stuck", "torque", ("motor_stuck all 1",), PRESSING, 2.0),
     Case("both stuck", "motion", ("motor_stuck knee 1", "link_stuck knee 1"), RUNNING, 2.0),
+    Case("both stuck at a turn", "motion", ("motor_stuck knee 1", "link_stuck knee 1"), BOUND, 2.0, after_s=0.7),
+    Case("all stuck at a turn", "motion", ("motor_stuck all 1", "link_stuck all 1"), BOUND, 2.0, after_s=0.7),
     # 3: directions that are wrong at the first power-on
     Case("both encoders reversed", "power-on", (), STRAYING, 2.0, reversed_about("hip", -0.5, 100)),
     Case("set-point reversed", "power-on", (), STRAYING, 2.0, SET_POINT_REVERSED),

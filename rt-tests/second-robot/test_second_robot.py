@@ -38,6 +38,7 @@ def attempt(program, folder, case):
             return result
         leg.start()
         leg.begin(case.mode)
+        time.sleep(case.after_s)
         before_s = 2.0 if case.mode == "motion" else 0.3
         result = leg.inject(*case.faults, window_s=case.window_s, before_s=before_s)
         if case.recover:

@@ -44,6 +44,9 @@ const fn variant(robot: &'static str, drives: Drives, states: bool) -> Variant {
     }
 }
 
+/// Time without a set-point after which a drive faults, s: that of `rt-tests/second-robot`.
+const COMMAND_TIMEOUT_S: f64 = 0.04;
+
 /// Places of the humanoid's IMUs beside the first one, which is in the chest.
 const FURTHER_IMUS: [&str; 2] = ["base_link", "head_pitch_link"];
 
@@ -119,6 +122,9 @@ impl Prepared {
         let mut sim = SimParameters::parse(&read_file(&sim_path)?, &sim_path)?;
         // Nothing but the fault pushes.
         sim.pushes.clear();
+        for drive in sim.drives.values_mut() {
+            drive.states.command_timeout = Some(COMMAND_TIMEOUT_S);
+        }
         let mut table = parse(&read_file(&path)?);
         if !variant.states {
             always_on(&mut table);

@@ -50,6 +50,9 @@ pub struct PlausibilityParameters {
     /// A drive that takes positions holds its motor itself, whatever the torque: only a standstill that ends a motion
     /// is judged by it.
     pub holds_itself: bool,
+    /// Torque on the gear from which on its torsion changes by more than the noise of both encoders, N·m; infinite where
+    /// one of them is missing.
+    pub torsion_shows: f64,
     /// Way by which the noise of an encoder that stands still moves its angle: motor and link side, rad.
     pub still: [f64; 2],
 }
@@ -310,6 +313,7 @@ mod tests {
         torque_margin: 4.0,
         stop_way: 0.02,
         holds_itself: false,
+        torsion_shows: f64::INFINITY,
         still: [0.0; 2],
     };
 
@@ -433,9 +437,9 @@ mod tests {
             })
         };
         let flat = |_| 1.0;
-        // 2.5 and half of 10 N·m, and 4 N·m; three samples.
+        // 2.5 and half of 10 N·m, and 4 N·m; three samples, of which one counts twice with twice the torque.
         assert_eq!(after(0.0, |k| 10.0 * k, flat), Some(5));
-        assert_eq!(after(0.2, |k| 10.0 * k, flat), Some(3));
+        assert_eq!(after(0.2, |k| 10.0 * k, flat), Some(2));
         assert_eq!(after(0.2, |k| -10.0 * k, flat), Some(5));
         assert_eq!(after(0.0, |k| 10.0 * k.min(2.0), flat), None);
         assert_eq!(after(0.0, |k| 10.0 * k, |k| 1.0 + 1e-4 * k), None);
@@ -443,6 +447,39 @@ mod tests {
         let rest = |_| 0.0;
         assert_eq!(after(0.2, rest, |k| 0.03 * k.min(6.0)), Some(9));
         assert_eq!(after(0.2, rest, |k| 0.01 * k.min(6.0)), None);
+    }
+
+    /// A position drive holds its motor, but between two encoders the gear shows its torque: from 29 N·m, and the 20 N·m
+    /// that their noise hides.
+    #[test]
+    fn a_position_drive_whose_torque_winds_nothing_up_has_flat_encoders() {
+        let after = |torsion_shows: f64, driven_from: usize, torque: f64| {
+            let mut joint = Plausibility::new(PlausibilityParameters {
+                holds_itself: true,
+                torsion_shows,
+                ..PARAMETERS
+            });
+            for _ in 0..20 {
+                joint.update(wound(0.0));
+            }
+            (0..50).position(|k| {
+                joint.watch_motor(MotorSample {
+                    theta: 1.0,
+                    q: 0.5,
+                    velocity: 0.0,
+                    torque: if k < 10 { 0.0 } else { torque },
+                    driven: k >= driven_from,
+                });
+                joint.trust() == Trust::Implausible
+            })
+        };
+        assert_eq!(after(20.0, 0, 50.0), Some(12));
+        assert_eq!(after(20.0, 0, -200.0), Some(10));
+        assert_eq!(after(20.0, 0, 48.0), None);
+        assert_eq!(after(20.0, 100, 50.0), None, "a brake takes it over");
+        assert_eq!(after(20.0, 8, 50.0), None, "a brake hands it over");
+        assert_eq!(after(20.0, 2, 50.0), Some(12), "a brake has opened");
+        assert_eq!(after(f64::INFINITY, 0, 50.0), None, "one encoder");
     }
 
     /// While the loop paused, the drive has stopped the motor at its last set-point; the velocity is still that of

@@ -76,6 +76,8 @@ const TORQUE_VELOCITY_SHARE_ALONE: f64 = 0.07;
 const STOPS_BY: [f64; 2] = [0.5, 2.5];
 /// Counts by which the noise of an encoder that stands moves its angle, of which it has one or two.
 const STILL_COUNTS: f64 = 3.5;
+/// Stiffness of a gear over K_fs0, as far as it stiffens up to its torque limit. Chosen; no experiment recorded.
+const STIFFENS: f64 = 1.5;
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
 const SAMPLES: [u32; 2] = [100, 8];
 
@@ -302,7 +304,7 @@ impl Reader<'_, '_, '_> {
 /// Range and rate of the torsion that a joint's gear can reach.
 pub(super) fn plausibility(
     limits: &Limits,
-    drive: &Drive,
+    (drive, has_link): (&Drive, bool),
     [motor_resolution, link_resolution]: [f64; 2],
     sample_period: f64,
 ) -> PlausibilityParameters {
@@ -318,6 +320,7 @@ pub(super) fn plausibility(
     let step = (STEP_SHARE * (sample_period / STEP_PERIOD_S).max(1.0)).min(1.0) * wound_up;
     let counts = motor_resolution / drive.gear_ratio + link_resolution;
     let friction = drive.gear_ratio * drive.wave_generator.friction;
+    let still = [motor_resolution, link_resolution].map(|count| STILL_COUNTS * count);
     PlausibilityParameters {
         torsion: TORSION_MARGIN * (wound_up + wave_generator)
             + drive.kind.threshold(TORSION_OFFSET),
@@ -337,11 +340,16 @@ pub(super) fn plausibility(
         } else {
             f64::INFINITY
         },
-        still: [motor_resolution, link_resolution].map(|count| STILL_COUNTS * count),
+        still,
         samples_to_trust: SAMPLES[0],
         samples_to_doubt: SAMPLES[1],
         friction,
         holds_itself: drive.model.takes_position(),
+        torsion_shows: if has_link {
+            STIFFENS * gear.k_fs0 * (still[0] / drive.gear_ratio + still[1])
+        } else {
+            f64::INFINITY
+        },
         torque_margin: STANDSTILL_SHARE * limits.torque
             + NOISE_SIGMAS
                 * drive.current_sigma
