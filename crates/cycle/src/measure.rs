@@ -150,9 +150,14 @@ impl Measure {
     /// anew; and the torques, which explain the torsion of joints without a link-side encoder.
     pub(crate) fn learn(&mut self, distrusted: u64, acknowledged: bool, last: &CycleRecord) {
         let commanded = &last.commanded.joints;
+        let blind = (self.joint_readiness.iter())
+            .filter(|joint| joint.blind)
+            .count();
         for (j, (joint, commanded)) in self.joints.iter_mut().zip(commanded).enumerate() {
             let driven = commanded.flags & command_flags::ENGAGED != 0;
-            joint.learn(driven, distrusted >> j & 1 == 1);
+            let itself = self.joint_readiness.get(j).is_some_and(|own| own.blind);
+            let warned = blind > usize::from(itself);
+            joint.learn(driven, distrusted >> j & 1 == 1, warned);
             if acknowledged {
                 joint.restart_if_distrusted();
             }

@@ -432,6 +432,7 @@ mod tests {
                     velocity,
                     torque: torque(f64::from(k)),
                     driven: true,
+                    warned: false,
                 });
                 joint.trust() == Trust::Implausible
             })
@@ -453,7 +454,7 @@ mod tests {
     /// that their noise hides.
     #[test]
     fn a_position_drive_whose_torque_winds_nothing_up_has_flat_encoders() {
-        let after = |torsion_shows: f64, driven_from: usize, torque: f64| {
+        let found = |torsion_shows: f64, driven_from: usize, torque: f64, warned: bool| {
             let mut joint = Plausibility::new(PlausibilityParameters {
                 holds_itself: true,
                 torsion_shows,
@@ -469,10 +470,12 @@ mod tests {
                     velocity: 0.0,
                     torque: if k < 10 { 0.0 } else { torque },
                     driven: k >= driven_from,
+                    warned,
                 });
                 joint.trust() == Trust::Implausible
             })
         };
+        let after = |shows: f64, from: usize, torque: f64| found(shows, from, torque, false);
         assert_eq!(after(20.0, 0, 50.0), Some(12));
         assert_eq!(after(20.0, 0, -200.0), Some(10));
         assert_eq!(after(20.0, 0, 48.0), None);
@@ -480,6 +483,9 @@ mod tests {
         assert_eq!(after(20.0, 8, 50.0), None, "a brake hands it over");
         assert_eq!(after(20.0, 2, 50.0), Some(12), "a brake has opened");
         assert_eq!(after(f64::INFINITY, 0, 50.0), None, "one encoder");
+        // Once another joint's encoders are found to stand still, a friction of 10 N·m and the noise are enough.
+        assert_eq!(found(20.0, 0, 31.0, true), Some(12));
+        assert_eq!(found(20.0, 0, 29.0, true), None);
     }
 
     /// While the loop paused, the drive has stopped the motor at its last set-point; the velocity is still that of
@@ -495,6 +501,7 @@ mod tests {
                 velocity: 0.2,
                 torque: 10.0 * f64::from(k),
                 driven: true,
+                warned: false,
             });
             joint.trust() == Trust::Implausible
         });

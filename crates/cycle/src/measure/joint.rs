@@ -46,6 +46,8 @@ pub(super) struct JointReader {
     lacking_s: f64,
     /// The drive has followed set-points since the last cycle.
     driven: bool,
+    /// Encoders of another joint are known to stand still.
+    warned: bool,
     /// Torsion that the estimated torque explains, rad; none with a link-side encoder.
     torsion: Option<f64>,
     /// Motor-side and link-side angle as they were read last, trusted or not, rad, link side.
@@ -83,14 +85,16 @@ impl JointReader {
             sample_period: period,
             lacking_s: 0.0,
             driven: false,
+            warned: false,
             torsion: (!joint.has_link_encoder).then_some(0.0),
             shown: [0.0; 2],
         })
     }
 
-    /// Takes whether the drive has followed set-points since the last cycle, and whether an encoder is known to be wrong.
-    pub(super) fn learn(&mut self, driven: bool, distrusted: bool) {
-        self.driven = driven;
+    /// Takes whether the drive has followed set-points since the last cycle, whether an encoder is known to be wrong, and
+    /// whether those of another joint are known to stand still.
+    pub(super) fn learn(&mut self, driven: bool, distrusted: bool, warned: bool) {
+        (self.driven, self.warned) = (driven, warned);
         if distrusted {
             self.plausibility.distrust();
         }
@@ -171,6 +175,7 @@ impl JointReader {
                 velocity: measured.omega * self.link_per_motor,
                 torque: reception.slot(slots::current(self.index)) * self.torque_per_current,
                 driven: self.driven,
+                warned: self.warned,
             });
         }
         if let Some(torsion) = self.torsion {

@@ -21,6 +21,8 @@ pub struct MotorSample {
     pub torque: f64,
     /// Whether the joint's drive follows set-points: then no brake takes that torque over.
     pub driven: bool,
+    /// Encoders of another joint are known to stand still: those of this one may as well.
+    pub warned: bool,
 }
 
 impl MotorSample {
@@ -96,12 +98,20 @@ impl Standstill {
         let onwards = change * self.from.velocity > 0.0;
         let share = BREAKS_AWAY[usize::from(!(onwards && moved))];
         let is_judged = moved && sample.driven || !p.holds_itself;
-        let over =
-            |share: f64, more: f64| change.abs() / (share * p.friction + p.torque_margin + more);
-        let moves = if is_judged { over(share, 0.0) } else { 0.0 };
+        let over = |least: f64| change.abs() / least;
+        let moves = if is_judged {
+            over(share * p.friction + p.torque_margin)
+        } else {
+            0.0
+        };
         // A brake that opens hands the motor a torque that has wound the gear up already.
         let winds_up = if sample.driven && self.from.driven {
-            over(BREAKS_AWAY[1], p.torsion_shows)
+            let swallowed = if sample.warned {
+                p.friction
+            } else {
+                BREAKS_AWAY[1] * p.friction + p.torque_margin
+            };
+            over(swallowed + p.torsion_shows)
         } else {
             0.0
         };
