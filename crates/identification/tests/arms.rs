@@ -220,3 +220,19 @@ fn payloads_and_delays_under_noise_are_named() {
         assert!(said.contains(words), "seed {seed}: {said}");
     }
 }
+
+/// A recorder that ran at another rate than its stamps say: velocities are wrong by it, accelerations by its square.
+#[test]
+fn stamps_of_another_scale_are_named() {
+    for (seed, factor) in [(70_000, "1.25 s"), (70_004, "0.8 s"), (70_013, "2 s")] {
+        let arm = Drawn::new(seed);
+        let changes = CHANGES.iter().find(|(name, _)| name.starts_with("stamps"));
+        let (_, change) = changes.unwrap();
+        let log = change(&arm, &mut Random::new(seed ^ 0xc4a));
+        let said = arm.calibrate(&log).unwrap_err().to_string();
+        assert!(
+            said.contains("stamps") && said.contains(factor),
+            "{seed}: {said}"
+        );
+    }
+}

@@ -1,5 +1,5 @@
 //! Other readings of a log's columns: another sign, zero, order or unit of a joint's columns, another
-//! direction of gravity, torques of another time. The reading under which the URDF explains the
+//! direction of gravity, torques of another time, stamps of another scale. The reading under which the URDF explains the
 //! torques far better than as they stand is named.
 //!
 //! Every reading is judged by one number, the least of `chi² = sum w r² + (phi - phi0)' H
@@ -176,6 +176,11 @@ impl Moments {
                 out.tau.iter_mut().flatten().for_each(|x| *x *= factor);
             }
             Reading::Gravity(gravity) => out.gravity = *gravity,
+            Reading::Stamps(factor) => {
+                for [_, dq, ddq] in out.state.iter_mut().flatten() {
+                    (*dq, *ddq) = (*dq / factor, *ddq / (factor * factor));
+                }
+            }
             Reading::Late(rows_late) => {
                 let shifted = Self::new(robot, rows, places, *rows_late);
                 // Shifts are of the log as it stands alone: they do not combine.

@@ -14,6 +14,9 @@ const ZEROS: [f64; 6] = [-0.52, -0.35, -0.17, 0.17, 0.35, 0.52];
 /// Bounds of soft saturation, as multiples of the largest torque.
 const BOUNDS: [f64; 4] = [1.01, 1.04, 1.1, 1.3];
 
+/// Time over that of the stamps.
+const STAMPS: [f64; 8] = [0.25, 0.4, 0.5, 0.8, 1.25, 2.0, 2.5, 4.0];
+
 /// Another meaning of a log's torques and angles.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Reading {
@@ -24,6 +27,8 @@ pub(super) enum Reading {
     Order(Columns, Vec<usize>, &'static str),
     AllTorques(f64),
     Gravity(Vector3<f64>),
+    /// Time over that of the stamps.
+    Stamps(f64),
     Late(i64),
     /// Angles or torques of one joint, by rows.
     LateJoint(Columns, usize, i64),
@@ -85,6 +90,7 @@ pub(super) fn readings(robot: &Robot<'_>) -> Vec<Reading> {
         }
     }
     all.extend([-1.0, 1e-3, 1e3].map(Reading::AllTorques));
+    all.extend(STAMPS.map(Reading::Stamps));
     let size = robot.model.gravity().norm();
     if size > 0.0 {
         all.push(Reading::Gravity(Vector3::zeros()));
@@ -159,6 +165,9 @@ impl Reading {
                 "gravity in the root link's axes is {:.2},{:.2},{:.2} (--gravity)",
                 g.x, g.y, g.z
             ),
+            Self::Stamps(factor) => {
+                format!("stamps count time otherwise: {factor} s pass in a second of theirs")
+            }
             Self::Late(shift) => {
                 let step = step(rows);
                 let (late, early) = if *shift > 0 {
