@@ -14,7 +14,7 @@ const ZEROS: [f64; 6] = [-0.52, -0.35, -0.17, 0.17, 0.35, 0.52];
 /// Bounds of soft saturation, as multiples of the largest torque.
 const BOUNDS: [f64; 4] = [1.01, 1.04, 1.1, 1.3];
 
-/// Time over that of the stamps, in steps of a fifth to three fifths.
+/// Times over those of the stamps that are tried.
 const STAMPS: [f64; 10] = [0.25, 0.4, 0.5, 0.63, 0.8, 1.25, 1.6, 2.0, 2.5, 4.0];
 
 /// Another meaning of a log's torques and angles.

@@ -1,0 +1,225 @@
+use super::*;
+
+const PARAMETERS: PlausibilityParameters = PlausibilityParameters {
+    torsion: 0.003,
+    step: 0.0005,
+    beside: 0.0005,
+    motor_step: 0.0008,
+    jump: f64::INFINITY,
+    samples_to_trust: 5,
+    samples_to_doubt: 3,
+    friction: 10.0,
+    torque_margin: 4.0,
+    stop_way: 0.02,
+    holds_itself: false,
+    torsion_shows: f64::INFINITY,
+    still: [0.0; 2],
+};
+
+/// A sample whose motor stands.
+fn wound(torsion: f64) -> Sample {
+    Sample::Angles {
+        torsion,
+        motor: 0.7,
+    }
+}
+
+fn after(samples: &[Sample]) -> Trust {
+    let mut joint = Plausibility::new(PARAMETERS);
+    samples
+        .iter()
+        .fold(Trust::Settling, |_, &sample| joint.update(sample))
+}
+
+/// A joint that has been trusted with a torsion that rises steadily.
+fn trusted() -> (Plausibility, impl FnMut() -> f64) {
+    let mut torsion = 0.0;
+    let mut next = move || {
+        torsion += 1e-5;
+        torsion
+    };
+    let mut joint = Plausibility::new(PARAMETERS);
+    for _ in 0..20 {
+        joint.update(wound(next()));
+    }
+    assert_eq!(joint.trust(), Trust::Plausible);
+    (joint, next)
+}
+
+#[test]
+fn a_step_that_stays_is_an_encoders_and_an_impact_is_not() {
+    let (mut slipped, mut next) = trusted();
+    assert_eq!(slipped.update(wound(next() + 0.001)), Trust::Suspect);
+    assert_eq!(slipped.update(wound(next() + 0.001)), Trust::Implausible);
+
+    let (mut jumped, mut next) = trusted();
+    assert_eq!(jumped.update(Sample::Jump), Trust::Suspect);
+    next();
+    assert_eq!(jumped.update(wound(next() + 0.001)), Trust::Implausible);
+
+    let (mut hit, mut next) = trusted();
+    let mut pushed = 0.0;
+    let course: Vec<Trust> = (0..4)
+        .map(|_| {
+            pushed += 0.0006;
+            hit.update(wound(next() + pushed))
+        })
+        .collect();
+    assert!(!course.contains(&Trust::Implausible), "{course:?}");
+
+    let (mut glitch, mut next) = trusted();
+    assert_eq!(glitch.update(wound(next() + 0.001)), Trust::Suspect);
+    assert_eq!(glitch.update(wound(next())), Trust::Plausible);
+}
+
+#[test]
+fn encoders_that_step_as_one_have_jumped_and_a_rotor_that_is_hit_has_not() {
+    let after = |motor: &dyn Fn(f64) -> f64| {
+        let mut joint = Plausibility::new(PARAMETERS);
+        let course: Vec<Trust> = (0..60)
+            .map(|k| {
+                joint.update(Sample::Angles {
+                    torsion: 0.001,
+                    motor: motor(f64::from(k)),
+                })
+            })
+            .collect();
+        course[20..].iter().position(|t| *t == Trust::Implausible)
+    };
+    let step = |k: f64| if k >= 30.0 { 0.003 } else { 0.0 };
+    // A sample that is bridged, and the one that confirms it; at rest and in motion.
+    assert_eq!(after(&step), Some(11));
+    assert_eq!(after(&|k| 0.004 * k + step(k)), Some(11));
+    // A torque of four times what makes 0.0002 rad a sample, and a brake that stops it again.
+    let hit = |k: f64| 0.0004 * (k - 30.0).clamp(0.0, 8.0).powi(2);
+    assert_eq!(after(&hit), None);
+    // Instants of sampling that differ by a fifth of a period, and one sample that is wrong.
+    assert_eq!(after(&|k| 0.004 * (k + 0.1 * (7.0 * k).sin())), None);
+    assert_eq!(after(&|k| if k == 30.0 { 0.003 } else { 0.0 }), None);
+}
+
+#[test]
+fn trust_needs_good_samples_in_a_row_and_doubt_bad_ones() {
+    let (good, bad) = (wound(0.001), wound(-0.004));
+    assert_eq!(after(&[good; 4]), Trust::Settling);
+    assert_eq!(after(&[good; 5]), Trust::Plausible);
+    assert_eq!(after(&[bad, good, good, good, good]), Trust::Settling);
+    let mut samples = vec![good; 5];
+    samples.extend([bad, Sample::Jump]);
+    assert_eq!(after(&samples), Trust::Suspect);
+    samples.push(good);
+    assert_eq!(after(&samples), Trust::Plausible);
+    samples.extend([bad; 3]);
+    assert_eq!(after(&samples), Trust::Implausible);
+    samples.extend([good; 20]);
+    assert_eq!(after(&samples), Trust::Implausible, "until it is restarted");
+    // Before it was trusted, nothing depended on it.
+    let mut samples = vec![bad; 5];
+    assert_eq!(after(&samples), Trust::Implausible);
+    samples.extend([good; 5]);
+    assert_eq!(after(&samples), Trust::Plausible);
+}
+
+#[test]
+fn a_motor_that_more_torque_than_friction_does_not_move_has_flat_encoders() {
+    let after = |velocity: f64, torque: fn(f64) -> f64, theta: fn(f64) -> f64| {
+        let mut joint = trusted().0;
+        (0..20).position(|k| {
+            joint.watch_motor(MotorSample {
+                theta: theta(f64::from(k)),
+                q: 0.5,
+                velocity,
+                torque: torque(f64::from(k)),
+                driven: true,
+                warned: false,
+            });
+            joint.trust() == Trust::Implausible
+        })
+    };
+    let flat = |_| 1.0;
+    // 2.5 and half of 10 N·m, and 4 N·m; three samples, of which one counts twice with twice the torque.
+    assert_eq!(after(0.0, |k| 10.0 * k, flat), Some(5));
+    assert_eq!(after(0.2, |k| 10.0 * k, flat), Some(2));
+    assert_eq!(after(0.2, |k| -10.0 * k, flat), Some(5));
+    assert_eq!(after(0.0, |k| 10.0 * k.min(2.0), flat), None);
+    assert_eq!(after(0.0, |k| 10.0 * k, |k| 1.0 + 1e-4 * k), None);
+    // A motor that moves by 0.03 rad a sample does not stand from one to the next.
+    let rest = |_| 0.0;
+    assert_eq!(after(0.2, rest, |k| 0.03 * k.min(6.0)), Some(9));
+    assert_eq!(after(0.2, rest, |k| 0.01 * k.min(6.0)), None);
+}
+
+/// A position drive holds its motor, but between two encoders the gear shows its torque: from 29 N·m, and the 20 N·m
+/// that their noise hides.
+#[test]
+fn a_position_drive_whose_torque_winds_nothing_up_has_flat_encoders() {
+    let found = |torsion_shows: f64, driven_from: usize, torque: f64, warned: bool| {
+        let mut joint = Plausibility::new(PlausibilityParameters {
+            holds_itself: true,
+            torsion_shows,
+            ..PARAMETERS
+        });
+        for _ in 0..20 {
+            joint.update(wound(0.0));
+        }
+        (0..50).position(|k| {
+            joint.watch_motor(MotorSample {
+                theta: 1.0,
+                q: 0.5,
+                velocity: 0.0,
+                torque: if k < 10 { 0.0 } else { torque },
+                driven: k >= driven_from,
+                warned,
+            });
+            joint.trust() == Trust::Implausible
+        })
+    };
+    let after = |shows: f64, from: usize, torque: f64| found(shows, from, torque, false);
+    assert_eq!(after(20.0, 0, 50.0), Some(12));
+    assert_eq!(after(20.0, 0, -200.0), Some(10));
+    assert_eq!(after(20.0, 0, 48.0), None);
+    assert_eq!(after(20.0, 100, 50.0), None, "a brake takes it over");
+    assert_eq!(after(20.0, 8, 50.0), None, "a brake hands it over");
+    assert_eq!(after(20.0, 2, 50.0), Some(12), "a brake has opened");
+    assert_eq!(after(f64::INFINITY, 0, 50.0), None, "one encoder");
+    // Once another joint's encoders are found to stand still, a friction of 10 N·m and the noise are enough.
+    assert_eq!(found(20.0, 0, 31.0, true), Some(12));
+    assert_eq!(found(20.0, 0, 29.0, true), None);
+}
+
+/// While the loop paused, the drive has stopped the motor at its last set-point; the velocity is still that of
+/// before.
+#[test]
+fn a_motor_that_came_to_stand_in_a_pause_is_judged_once_that_is_over() {
+    let mut joint = trusted().0;
+    joint.note_gap();
+    let found = (0..100).position(|k| {
+        joint.watch_motor(MotorSample {
+            theta: 1.0,
+            q: 0.5,
+            velocity: 0.2,
+            torque: 10.0 * f64::from(k),
+            driven: true,
+            warned: false,
+        });
+        joint.trust() == Trust::Implausible
+    });
+    let after = GAP_SAMPLES as usize;
+    assert!(
+        found.is_some_and(|k| (after..after + 8).contains(&k)),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_missed_sample_changes_nothing_and_nan_is_bad() {
+    let mut joint = Plausibility::new(PARAMETERS);
+    for _ in 0..10 {
+        assert_eq!(joint.update(Sample::Missed), Trust::Settling);
+    }
+    for _ in 0..5 {
+        joint.update(wound(0.0));
+    }
+    assert_eq!(joint.update(Sample::Missed), Trust::Plausible);
+    assert_eq!(joint.update(wound(f64::NAN)), Trust::Suspect);
+}
