@@ -19,7 +19,7 @@ use robot_config::{JointParameters, Robot};
 use robot_state::torque_flags;
 use supervisor::time_in_a_row;
 
-use super::motor::Motor;
+use super::motor::{HandOrEncoder, Motor};
 use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::estimate::valid;
 
@@ -48,8 +48,9 @@ const LASTS_S: f64 = 0.1;
 struct Joint {
     motor: Motor,
     torque_limit: f64,
-    /// Filtered `e_1` and `e_2`, N·m; none before the first sample.
-    errors: Option<[f64; 2]>,
+    /// Filtered `e_1` and `e_2`, N·m, and velocity, rad/s, link side; none before the first sample.
+    errors: Option<[f64; 3]>,
+    hand: HandOrEncoder,
     /// The last velocity, rad/s, link side.
     omega: f64,
     /// Time for which both have been too great, s, and for which the second has while the drive is off.
@@ -102,6 +103,7 @@ impl Joint {
             motor: Motor::new(joint),
             torque_limit: joint.limits.torque,
             errors: None,
+            hand: HandOrEncoder::default(),
             omega: 0.0,
             over_s: 0.0,
             over_off_s: 0.0,
@@ -123,12 +125,16 @@ impl Joint {
             0.0
         };
         let motor = self.motor.torque(sample.current, omega) - inertia;
-        let now = [sample.torsion - motor, sample.torsion - sample.whole_body];
+        let now = [
+            sample.torsion - motor,
+            sample.torsion - sample.whole_body,
+            omega,
+        ];
         let errors = self.errors.get_or_insert(now);
         for (error, now) in errors.iter_mut().zip(now) {
             *error += dt / (dt + FILTER_S) * (now - *error);
         }
-        let [by_current, by_body] = *errors;
+        let [by_current, by_body, turned] = *errors;
         let limit = self.torque_limit;
         let is_beyond = !on && by_body.abs() > SHARE_OFF * limit;
         time_in_a_row(&mut self.over_off_s, is_beyond, dt);
@@ -140,7 +146,10 @@ impl Joint {
         };
         let of_current =
             friction * self.motor.k_3 + TORQUE_CONSTANT * sample.torsion.abs().min(limit);
+        let both = [by_current, by_body];
+        let is_hand = (self.hand).is_hand(&self.motor, both, turned, of_current, dt);
         let is_wrong = on
+            && !is_hand
             && by_current * by_body > 0.0
             && by_body.abs() > share * limit
             && by_current.abs() > share * limit + of_current;
@@ -160,6 +169,7 @@ mod tests {
             motor: Motor::EXAMPLE,
             torque_limit: 110.0,
             errors: None,
+            hand: HandOrEncoder::default(),
             omega: 0.0,
             over_s: 0.0,
             over_off_s: 0.0,

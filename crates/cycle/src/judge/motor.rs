@@ -10,6 +10,13 @@ use robot_config::JointParameters;
 
 use crate::estimate::sign_smoothing;
 
+/// Viscous friction beyond the configured one that a motor may have, share of the torque limit per rad/s or m/s. Found
+/// with a leg of another make: 160 N·m·s/rad where 1 is configured, with a torque limit of 233 N·m.
+const MORE_FRICTION: f64 = 1.0;
+/// Time for which two witnesses that contradicted each other are not believed together, s. Chosen on that leg, whose knee
+/// a hand pushes with 30 N·m: it turns the faster for as long.
+const APART_S: f64 = 0.5;
+
 /// A joint's motor, on the link side.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motor {
@@ -25,6 +32,8 @@ pub(super) struct Motor {
     pub(super) gear_ratio: f64,
     /// Velocity over which friction changes sign, rad/s.
     pub(super) smoothing: f64,
+    /// Viscous friction that it may have besides, N·m·s/rad.
+    more_friction: f64,
 }
 
 impl Motor {
@@ -37,6 +46,7 @@ impl Motor {
         inertia: 0.0,
         gear_ratio: 100.0,
         smoothing: 0.01,
+        more_friction: 110.0,
     };
 
     pub(super) fn new(joint: &JointParameters) -> Self {
@@ -48,6 +58,7 @@ impl Motor {
             inertia: n * n * joint.rotor_inertia,
             gear_ratio: n,
             smoothing: sign_smoothing(joint),
+            more_friction: MORE_FRICTION * joint.limits.torque,
         }
     }
 
@@ -62,5 +73,58 @@ impl Motor {
     /// known.
     pub(super) fn turns(&self, omega: f64, widths: f64) -> bool {
         omega.abs() > widths * self.smoothing
+    }
+}
+
+/// Tells an encoder that errs from a hand that turns a motor whose friction is greater than configured. Of the torque by
+/// torsion both motor current and F/T sensors then show an error, as of such an encoder's. But the hand's is there
+/// before the motor turns, and friction's grows with the velocity: for a while one is without the other.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct HandOrEncoder {
+    /// Time for which the errors are not believed together, s.
+    left_s: f64,
+}
+
+impl HandOrEncoder {
+    /// Whether a hand may be what the errors of the torque by torsion show: by motor current, and by F/T sensors and model,
+    /// N·m, which errors of the models leave `apart` at most; at a velocity, rad/s, link side.
+    pub(super) fn is_hand(
+        &mut self,
+        motor: &Motor,
+        [by_current, by_level]: [f64; 2],
+        omega: f64,
+        apart: f64,
+        dt: f64,
+    ) -> bool {
+        if (by_level - by_current).abs() > apart {
+            self.left_s = APART_S;
+        } else {
+            self.left_s = (self.left_s - dt).max(0.0);
+        }
+        let opposes = by_current * omega < 0.0;
+        let is_friction = opposes && by_current.abs() < motor.more_friction * omega.abs();
+        is_friction && self.left_s > 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A hand pushes with 30 N·m from 0.1 s on. The motor, of a friction of 100 N·m·s/rad, turns within 30 ms.
+    #[test]
+    fn friction_grows_with_the_velocity_and_an_encoder_shows_one_error() {
+        let mut of_hand = HandOrEncoder::default();
+        let mut of_encoder = HandOrEncoder::default();
+        for k in 0..300 {
+            let pushed = k >= 100;
+            let level = if pushed { -30.0 } else { 0.0 };
+            let omega = (0.01 * f64::from(k - 100)).clamp(0.0, 0.3);
+            let hand = [-100.0 * omega, level];
+            let is_hand = of_hand.is_hand(&Motor::EXAMPLE, hand, omega, 10.0, 1e-3);
+            assert_eq!(is_hand, k > 100, "{k}");
+            let encoder = [level; 2];
+            assert!(!of_encoder.is_hand(&Motor::EXAMPLE, encoder, omega, 10.0, 1e-3));
+        }
     }
 }

@@ -28,7 +28,7 @@ use robot_config::{JointParameters, Robot};
 use robot_state::{TorqueEstimate, torque_flags};
 use supervisor::count_in_a_row;
 
-use super::motor::Motor;
+use super::motor::{HandOrEncoder, Motor};
 use super::{Check, JointCheck, JointEvidence, Verdict, of_each};
 use crate::estimate::{SETTLING_S, valid};
 
@@ -58,6 +58,9 @@ const SHARE_ALONE: f64 = 0.25;
 /// than this: what one shows clearly, the other need not wait for. Chosen on the simulated humanoid's elbow in mode
 /// passive: it moves by 1.05 degrees if both must be whole while its drive's encoder drifts at 0.01 rad/s.
 const WEAKER: f64 = 0.8;
+/// Difference of both changes beyond friction that is no encoder's, share of the torque limit. Chosen; half of
+/// [`SHARE`].
+const APART: f64 = 0.04;
 /// Samples in a row.
 const SAMPLES: u32 = 5;
 /// Samples in a row that are bridged: as many as may be implausible before a joint is distrusted.
@@ -99,6 +102,7 @@ struct Changes {
     /// Changes of the torques by current and by level themselves.
     motor: Change,
     level: Option<Change>,
+    hand: HandOrEncoder,
     /// Time since the first sample, s.
     time: f64,
     /// Samples in a row that contradict.
@@ -209,6 +213,7 @@ impl Joint {
             motor: Change::from(motor),
             level: None,
             by_level: None,
+            hand: HandOrEncoder::default(),
             time: 0.0,
             over: 0,
             bridged: 0,
@@ -216,7 +221,7 @@ impl Joint {
         changes.late = [torsion_late, made_late];
         changes.bridged = 0;
         changes.time += dt;
-        changes.omega.update(omega, dt);
+        let turned = changes.omega.update(omega, dt);
         let inertia = self.motor.inertia * changes.omega.of_derivative(omega);
         let made = changes.motor.update(motor, dt) - inertia;
         let by_current = changes.by_current.update(torsion_late - motor, dt) + inertia;
@@ -235,7 +240,12 @@ impl Joint {
                     by_current / (share * limit + friction),
                 ];
                 let weaker = if settled { WEAKER } else { 1.0 };
-                parts[0] * parts[1] > 1.0 && parts.iter().all(|part| part.abs() > weaker)
+                let apart = APART * limit + friction;
+                let is_hand =
+                    (changes.hand).is_hand(&self.motor, [by_current, by_level], turned, apart, dt);
+                !is_hand
+                    && parts[0] * parts[1] > 1.0
+                    && parts.iter().all(|part| part.abs() > weaker)
             }
             None => {
                 (changes.by_level, changes.level) = (None, None);
