@@ -16,6 +16,8 @@ PRESSING = (1.0, 16.0)
 RUNNING = (5.0, 50.0)
 #: What drifts so slowly that it looks like load.
 SLOW = (3.0, 10.0)
+#: A hand moves the joint.
+PUSHED = (90.0, 50.0)
 DEG = math.pi / 180
 
 
@@ -118,4 +120,21 @@ CASES = [
     Case("foreign frames", "motion", ("foreign - 20",), never=(210,)),
     Case("answers 1 ms late", "motion", ("late_us knee 1200",), never=(210,), sound=True),
     Case("F-T steps by 200 N", "motion", ("ft_fz - 200",), never=(210,)),
+    # a hand turns a motor whose friction is a hundred times the configured one
+    *(
+        Case(
+            f"hand of {push} at the {joint}, much friction",
+            mode,
+            (f"viscous {joint} 80", f"hand {joint} {push}"),
+            PUSHED,
+            never=(210,),
+            sound=True,
+        )
+        for joint, push, mode in (
+            ("hip", -30, "torque"),
+            ("hip", 50, "feedback"),
+            ("knee", 30, "torque"),
+            ("knee", 30, "cartesian"),
+        )
+    ),
 ]

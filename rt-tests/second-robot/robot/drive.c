@@ -176,7 +176,7 @@ static void rotor(int j, double h) {
     double kt = s->kt * s->ratio * (fault[j].kt_scale ? fault[j].kt_scale : 1);
     double torque = kt * d->current - d->gear_torque;
     torque -= bristle(&d->bristle, d->dphi, s->coulomb * s->ratio, h);
-    torque -= s->viscous * s->ratio * s->ratio * d->dphi;
+    torque -= (s->viscous * s->ratio * s->ratio + fault[j].viscous) * d->dphi;
     int shut = d->brake < 0.5 || fault[j].brake_stuck;
     if (shut) {
         torque -= bristle(&d->brake_bristle, d->dphi, BRAKE_FACTOR * s->torque_limit, h) + 2000 * d->dphi;

@@ -35,8 +35,9 @@ extern const struct sheet SHEET[JOINTS];
     X(control_deaf) X(no_time_out) X(memory) X(window) X(current_scale) X(kt_scale) X(brake_stuck) \
     /* for so many ms: silent and without power; then its zero is lost by so much, or its counter begins at 0 */ \
     X(restart_ms) X(restart_shift) X(restart_counter) \
-    /* frames: none, one with another status word, late by so much; current's sign; torque from a hand */ \
-    X(mute) X(status_once) X(late_us) X(current_negative) X(hand)
+    /* frames: none, one with another status word, late by so much; current's sign; torque from a hand; further
+     * viscous friction of the rotor, Nms/rad of the joint */ \
+    X(mute) X(status_once) X(late_us) X(current_negative) X(hand) X(viscous)
 /* Of the robot: */
 #define ROBOT_FAULTS(X) \
     X(ft_fx) X(ft_fz) X(ft_ty) X(ft_fx_rate) X(ft_fy_rate) X(ft_fz_rate) X(ft_tx_rate) X(ft_ty_rate) X(ft_tz_rate) \
