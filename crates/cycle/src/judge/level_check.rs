@@ -12,8 +12,8 @@
 //!
 //! Both must err alike. A payload, a hand or a contact that no F/T sensor measures is in `e_2` alone, as the
 //! current bears it; a wrong torque constant and friction are in `e_1` alone. While the motor turns, the sign of
-//! its friction is known, and less is needed. Friction that is not known is told by [`HandOrEncoder`]. While the drive is off the current shows nothing: then a much
-//! greater `e_2` alone does not stop anything, but forbids to enable the joint.
+//! its friction is known, and less is needed; [`HandOrEncoder`] excepts more friction than configured. While the drive is
+//! off the current shows nothing: then a much greater `e_2` alone does not stop anything, but forbids to enable the joint.
 
 use robot_config::{JointParameters, Robot};
 use robot_state::torque_flags;

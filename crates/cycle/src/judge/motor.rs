@@ -11,10 +11,10 @@ use robot_config::JointParameters;
 use crate::estimate::sign_smoothing;
 
 /// Viscous friction beyond the configured one that a motor may have, share of the torque limit per rad/s or m/s. Found
-/// with a leg of another make: 160 N·m·s/rad where 1 is configured, with a torque limit of 233 N·m.
+/// with a leg of another make: 0.7, as 160 N·m·s/rad where 1 is configured, with a torque limit of 233 N·m.
 const MORE_FRICTION: f64 = 1.0;
-/// Time for which two witnesses that contradicted each other are not believed together, s. Chosen on that leg, whose knee
-/// a hand pushes with 30 N·m: it turns the faster for as long.
+/// Time for which two witnesses that contradicted each other are not believed together, s.
+/// Chosen; no experiment recorded.
 const APART_S: f64 = 0.5;
 
 /// A joint's motor, on the link side.
@@ -76,7 +76,7 @@ impl Motor {
     }
 }
 
-/// Tells an encoder that errs from a hand that turns a motor whose friction is greater than configured. Of the torque by
+/// Discerns an encoder that errs from a hand that turns a motor of more friction than configured. Of the torque by
 /// torsion both motor current and F/T sensors then show an error, as of such an encoder's. But the hand's is there
 /// before the motor turns, and friction's grows with the velocity: for a while one is without the other.
 #[derive(Debug, Clone, Copy, Default)]

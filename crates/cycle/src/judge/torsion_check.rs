@@ -18,7 +18,7 @@
 //! A change counts from before it began: samples that are not used, as one of a foot that is put down hard may
 //! look like an encoder's step, are bridged; to begin anew amid the impact would make its end a change.
 //!
-//! A hand that turns a motor of unknown friction is told by what came first ([`HandOrEncoder`]).
+//! A hand that turns a motor of more friction than configured changes both: [`HandOrEncoder`] excepts it.
 //!
 //! Both must change alike, as each alone has errors that look like a drift: friction that reverses,
 //! contacts that no F/T sensor measures. Without `tau_hat` the current alone decides, from a greater
