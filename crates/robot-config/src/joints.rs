@@ -225,7 +225,7 @@ impl Reader<'_, '_, '_> {
         let limits = limits?;
         let plausibility = limits::plausibility(
             &limits,
-            (drive, has_link),
+            (drive, has_link, inertia),
             [motor_angle.resolution, link_angle.resolution],
             self.timing.sample_period,
         );

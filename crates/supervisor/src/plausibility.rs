@@ -57,6 +57,9 @@ pub struct PlausibilityParameters {
     pub torsion_shows: f64,
     /// Way by which the noise of an encoder that stands still moves its angle: motor and link side, rad.
     pub still: [f64; 2],
+    /// Mean torque times the square of its samples for which a joint that turns round may stay within the counts of its
+    /// only encoder, N·m; 0 with two encoders, between which the gear winds up at once.
+    pub hidden: f64,
 }
 
 impl PlausibilityParameters {
@@ -210,7 +213,7 @@ impl Plausibility {
         let (last, in_a_row) = (self.standstill.filter(|_| judged), self.in_a_row && judged);
         let now = Standstill::after(last, in_a_row, sample, &self.parameters);
         (self.standstill, self.in_a_row) = (Some(now), true);
-        if !now.is_impossible(self.parameters.samples_to_doubt) {
+        if !now.is_impossible(&self.parameters) {
             return;
         }
         // For a joint distrusted for a step before, a standstill means more: no encoder is left to go by.

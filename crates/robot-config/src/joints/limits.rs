@@ -76,6 +76,9 @@ const TORQUE_VELOCITY_SHARE_ALONE: f64 = 0.07;
 const STOPS_BY: [f64; 2] = [0.5, 2.5];
 /// Counts by which the noise of an encoder that stands moves its angle, of which it has one or two.
 const STILL_COUNTS: f64 = 3.5;
+/// Longest time, squared, in which an angle that accelerates may stay within a way of where it was, in that way
+/// over the mean acceleration: there and back to the other side, (sqrt(2) + 2)² = 11.7. One that grows from zero needs 11.9.
+const TURNS_ROUND: f64 = 11.7;
 /// Stiffness of a gear over K_fs0, as far as it stiffens up to its torque limit. Chosen; no experiment recorded.
 const STIFFENS: f64 = 1.5;
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
@@ -301,10 +304,10 @@ impl Reader<'_, '_, '_> {
     }
 }
 
-/// Range and rate of the torsion that a joint's gear can reach.
+/// Range and rate of the torsion that a joint's gear can reach; `inertia`: the greatest at the joint, without the rotor.
 pub(super) fn plausibility(
     limits: &Limits,
-    (drive, has_link): (&Drive, bool),
+    (drive, has_link, inertia): (&Drive, bool, f64),
     [motor_resolution, link_resolution]: [f64; 2],
     sample_period: f64,
 ) -> PlausibilityParameters {
@@ -349,6 +352,12 @@ pub(super) fn plausibility(
             STIFFENS * gear.k_fs0 * (still[0] / drive.gear_ratio + still[1])
         } else {
             f64::INFINITY
+        },
+        hidden: if has_link {
+            0.0
+        } else {
+            let turns = TURNS_ROUND * still[0] / drive.gear_ratio;
+            turns * (rotor + inertia) / (sample_period * sample_period)
         },
         torque_margin: STANDSTILL_SHARE * limits.torque
             + NOISE_SIGMAS

@@ -51,6 +51,9 @@ const CERTAIN: f64 = 3.0;
 /// velocity limit, moves by 2.0 degrees where each counts once, and by 1.1 so.
 const MOST: f64 = 3.0;
 
+/// No sample yet with a torque that would move the motor.
+const NOT_PUSHED: (u32, f64) = (0, 0.0);
+
 /// Where a motor stands since its last motion.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Standstill {
@@ -59,8 +62,10 @@ pub(super) struct Standstill {
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
-    /// Samples in a row with a torque that would move it, or since it halted.
+    /// Samples in a row with a torque that would move it, or since it halted; those with such a torque count by it.
     pressed: u32,
+    /// Samples in a row with such a torque, and the sum of what it is beyond the one that holds, N·m.
+    pushed: (u32, f64),
     /// Samples since a drive has begun to take the torque over from a brake.
     taken_over: u32,
 }
@@ -83,6 +88,7 @@ impl Standstill {
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
                     pressed: 0,
+                    pushed: NOT_PUSHED,
                     taken_over: 0,
                 }
             }
@@ -100,11 +106,8 @@ impl Standstill {
         let share = BREAKS_AWAY[usize::from(!(onwards && moved))];
         let is_judged = moved && sample.driven || !p.holds_itself;
         let over = |least: f64| change.abs() / least;
-        let moves = if is_judged {
-            over(share * p.friction + p.torque_margin)
-        } else {
-            0.0
-        };
+        let held = share * p.friction + p.torque_margin;
+        let moves = if is_judged { over(held) } else { 0.0 };
         // A brake that opens hands the motor a torque that has wound the gear up already.
         let winds_up = if sample.driven && self.from.driven {
             let swallowed = if sample.warned {
@@ -122,12 +125,19 @@ impl Standstill {
         } else {
             self.pressed = 0;
         }
+        self.pushed = match self.pushed {
+            (samples, sum) if moves > 1.0 => (samples.saturating_add(1), sum + change.abs() - held),
+            _ => NOT_PUSHED,
+        };
         self
     }
 
-    /// Whether the motor stands although it cannot, and has for long enough: `samples`, or half of them where that is
-    /// certain.
-    pub(super) fn is_impossible(&self, samples: u32) -> bool {
-        self.pressed >= samples / if self.certain { 2 } else { 1 }
+    /// Whether the motor stands although it cannot, and has for long enough: `samples_to_doubt`, or half of them where
+    /// that is certain, and until a joint that only turns round would have left the encoder's counts.
+    pub(super) fn is_impossible(&self, p: &PlausibilityParameters) -> bool {
+        let (samples, sum) = self.pushed;
+        let turns_round = !self.halted && f64::from(samples) * sum < p.hidden;
+        let enough = p.samples_to_doubt / if self.certain { 2 } else { 1 };
+        self.pressed >= enough && !turns_round
     }
 }

@@ -14,6 +14,7 @@ const PARAMETERS: PlausibilityParameters = PlausibilityParameters {
     holds_itself: false,
     torsion_shows: f64::INFINITY,
     still: [0.0; 2],
+    hidden: 0.0,
 };
 
 /// A sample whose motor stands.
@@ -222,4 +223,47 @@ fn a_missed_sample_changes_nothing_and_nan_is_bad() {
     }
     assert_eq!(joint.update(Sample::Missed), Trust::Plausible);
     assert_eq!(joint.update(wound(f64::NAN)), Trust::Suspect);
+}
+
+/// The only encoder of a joint has counts of 16 bits over 25 rad, as actuators do. The joint is braked by 5 N·m and turns
+/// round, or its encoder stops where it would.
+#[test]
+fn a_joint_that_turns_round_stands_for_a_moment_and_one_that_stops_stands_for_ever() {
+    let (period, inertia, count) = (2e-3, 0.35, 25.0 / 65535.0);
+    let parameters = PlausibilityParameters {
+        friction: 0.6,
+        torque_margin: 1.5,
+        stop_way: f64::INFINITY,
+        motor_step: f64::INFINITY,
+        samples_to_doubt: 8,
+        holds_itself: true,
+        still: [3.5 * count; 2],
+        hidden: 11.7 * 3.5 * count * inertia / (period * period),
+        ..PARAMETERS
+    };
+    let found = |stops: bool| {
+        let mut joint = Plausibility::new(parameters);
+        let acceleration = -5.0 / inertia;
+        let turn = 100.0;
+        (0..200).find(|&k| {
+            let t = (f64::from(k) - turn) * period;
+            let at = |t: f64| 0.5 * acceleration * (if stops { t.min(0.0) } else { t }).powi(2);
+            let theta = (at(t) / count).round() * count;
+            let velocity = acceleration * (if stops { t.min(0.0) } else { t } - 8.0 * period);
+            joint.update(wound(0.0));
+            joint.watch_motor(MotorSample {
+                theta,
+                q: theta,
+                velocity,
+                // It rises through what brakes the joint while that turns.
+                torque: -5.0 * (1.0 + t / period / 10.0).clamp(-1.0, 3.0),
+                driven: true,
+                warned: false,
+            });
+            joint.trust() == Trust::Implausible
+        })
+    };
+    assert_eq!(found(false), None);
+    let stopped = found(true).expect("it is found");
+    assert!((100..125).contains(&stopped), "{stopped}");
 }
