@@ -10,6 +10,7 @@
 //! *Degrade* makes the sources that an event speaks against unsound for as long as it lasts: a mode
 //! that needs one of them ends, and cannot be entered.
 
+mod bearing;
 mod quick_stop;
 
 use core::ops::RangeInclusive;
@@ -28,6 +29,7 @@ use crate::events::{Counts, Subject, refusal_code};
 use crate::inputs::{ClientInput, Known};
 use crate::judge::{HoldCheck, Soundness, Unheld};
 use crate::mode::{Answer, Goal, Modes};
+use bearing::Bearings;
 use quick_stop::QuickStops;
 
 /// The state of the robot, and the memory that leads to it.
@@ -40,6 +42,7 @@ pub(crate) struct Supervisor {
     holds: HoldCheck,
     drives: Vec<Drive>,
     quick_stops: QuickStops,
+    bearings: Bearings,
     /// No control word is sent before the robot was ready or in a fault once.
     listening: bool,
     reference_timeout_s: f64,
@@ -83,6 +86,7 @@ impl Supervisor {
                 .map(|joint| Drive::new(joint.drive_profile.clone()))
                 .collect(),
             quick_stops: QuickStops::new(robot),
+            bearings: Bearings::new(robot),
             listening: true,
             reference_timeout_s: p.timing.reference_timeout,
             reactions: p.safety.reactions.clone(),
@@ -166,7 +170,7 @@ impl Supervisor {
             self.report(event, joint.map(Subject::Joint), counts);
         }
         self.leave_to_brakes(known, counts);
-        self.lead_drives();
+        self.lead_drives(known);
         let goal = self.goal(client, soundness, (measured, modes), counts);
         self.machine.set_active(goal.is_followed());
         self.mode = goal.mode();
@@ -220,6 +224,9 @@ impl Supervisor {
             self.release(0);
         }
         self.refusal = outcome.map_or_else(refusal_code, |()| 0);
+        if matches!(request, OperatorRequest::Disable) {
+            self.bearings.end();
+        }
         if outcome.is_ok() && matches!(request, OperatorRequest::Acknowledge(_)) {
             self.drives.iter_mut().for_each(Drive::acknowledge);
             // Joints prove themselves anew from the next cycle on.
@@ -255,18 +262,22 @@ impl Supervisor {
         }
     }
 
-    fn lead_drives(&mut self) {
+    fn lead_drives(&mut self, known: &Known<'_>) {
         self.listening &= self.machine.state() == RobotState::Boot;
         let all_off = self.machine.safety() == Some(Safety::Off);
+        let may_bear = self.machine.fault().is_some() && !all_off;
         let joints = self.drives.iter_mut().zip(&self.conditions);
         for (j, (drive, condition)) in joints.enumerate() {
             // The event may speak against this joint's drive.
             let may_stop = all_off && self.fault_subject != Some(Subject::Joint(j));
+            let wanted = self.machine.wants_drive(j);
+            let measured = &known.measured.joints[j];
+            let bears = (self.bearings).update(j, (wanted, may_bear), drive, measured);
             drive.pursue(if self.listening {
                 DriveGoal::Listen
-            } else if self.machine.wants_drive(j) {
+            } else if wanted {
                 DriveGoal::Enabled
-            } else if self.quick_stops.update(j, may_stop, drive, condition) {
+            } else if bears || self.quick_stops.update(j, may_stop, drive, condition) {
                 DriveGoal::Stopped
             } else {
                 DriveGoal::Off

@@ -220,6 +220,11 @@ pub trait Family: Sync {
         false
     }
 
+    /// Its gains are in each command: one without a gain for position bears a joint whose position is not known.
+    fn commands_gains(&self) -> bool {
+        true
+    }
+
     /// What to do where it has not told all that is needed.
     fn cure(&self, _heard: Heard) -> &'static str {
         "no answer: supply, wiring, bit rate, `node` and `reply_id`"

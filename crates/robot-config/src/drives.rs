@@ -14,7 +14,7 @@ pub(crate) use actuator::ActuatorKind;
 pub(crate) use canopen::CanopenDrive;
 use control::{CurrentDrive, DriveModel, PositionDrive};
 use core::f64::consts::TAU;
-use drives_of_makers::family::FAMILIES;
+use drives_of_makers::family::{FAMILIES, translation};
 use estimators::compliance::ComplianceParameters;
 use estimators::wave_generator::{FrictionRule, WaveGeneratorParameters};
 use robot_state::JointKind;
@@ -147,7 +147,11 @@ fn drive(section: Section<'_, '_>, sample_period: f64, files: &Files<'_>) -> Opt
         .map(|section| state::read(section, sample_period))
         .or_else(|| match node.as_ref()?.as_ref()? {
             Node::Canopen(_) => Some(state::cia402(sample_period)),
-            Node::Actuator(_) => Some(state::actuator(sample_period)),
+            Node::Actuator(kind) => {
+                let made = translation::named(kind.family);
+                let bears = made.is_some_and(|family| family.commands_gains());
+                Some(state::actuator(sample_period, bears))
+            }
         });
     let lag = 1e-6 * section.number_or("command_lag_us", 400.0, Allowed::Within(0.0, 5000.0));
     let compliance = section.section("compliance").map(compliance);

@@ -63,6 +63,8 @@ pub struct DriveProfile {
     pub step_limit: u32,
     /// A brake holds the joint while the drive is off.
     pub brake: bool,
+    /// In its quick stop it bears its joint by torque for as long as it hears it, and may be enabled from there.
+    pub bears: bool,
     /// Status bits of a drive that stops by itself when it hears no set-points; none: no bit
     /// indicates it.
     pub time_out_set: Option<StatusBits>,
@@ -95,6 +97,7 @@ impl DriveProfile {
             }),
             step_limit,
             brake: false,
+            bears: false,
             time_out_set: None,
         }
     }
@@ -297,11 +300,18 @@ impl Drive {
             (DriveGoal::Enabled, S::Off | S::Unknown) => Some(words.prepare),
             (DriveGoal::Enabled, S::ReadyToSwitchOn) => Some(words.switch_on),
             (DriveGoal::Enabled, S::SwitchedOn | S::Enabled) => Some(words.enable),
+            (DriveGoal::Enabled, S::Stopping) if self.bears() => Some(words.enable),
             (DriveGoal::Stopped, S::Enabled | S::Stopping) => {
                 Some(words.quick_stop.unwrap_or(words.disable))
             }
             (DriveGoal::Off | DriveGoal::Stopped | DriveGoal::Enabled, _) => Some(words.disable),
         }
+    }
+
+    /// In its quick stop it bears its joint.
+    #[must_use]
+    pub fn bears(&self) -> bool {
+        self.profile.as_ref().is_some_and(|profile| profile.bears)
     }
 
     /// It follows set-points, and its own quick stop can bring it to rest.

@@ -57,8 +57,8 @@ pub struct PlausibilityParameters {
     pub torsion_shows: f64,
     /// Way by which the noise of an encoder that stands still moves its angle: motor and link side, rad.
     pub still: [f64; 2],
-    /// Mean torque times the square of its samples for which a joint that turns round may stay within the counts of its
-    /// only encoder, N·m; 0 with two encoders, between which the gear winds up at once.
+    /// Torque that moves the joint within a sample squared by the way that its only encoder's noise hides, N·m; 0 with two
+    /// encoders, between which the gear winds up at once.
     pub hidden: f64,
 }
 

@@ -103,6 +103,10 @@ impl Family for Odrive {
         true
     }
 
+    fn commands_gains(&self) -> bool {
+        false
+    }
+
     fn cure(&self, heard: Heard) -> &'static str {
         match heard {
             Heard { state: false, .. } => {

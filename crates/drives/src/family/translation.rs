@@ -30,6 +30,10 @@ pub const DISABLE: u32 = 0;
 pub const ENABLE: u32 = 1;
 /// Control word: its error is cleared.
 pub const RESET: u32 = 2;
+/// Control word: it follows no position, but goes on with its torque of before, damped.
+pub const BEAR: u32 = 3;
+/// Status word of an actuator that does, by its own torque where it tells one.
+pub const BEARS: u32 = 4;
 /// Status word of an actuator of whose state nothing has been heard for [`SILENT_NS`].
 const UNKNOWN: u32 = 3;
 /// Time after which a state counts as unknown, ns: families that send it apart do so at 10 Hz.

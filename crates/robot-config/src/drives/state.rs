@@ -13,8 +13,8 @@ pub(super) fn cia402(sample_period: f64) -> DriveProfile {
     DriveProfile::cia402(step_limit(STEP_LIMIT_MS, sample_period))
 }
 
-/// The states of an actuator's own message, with the default time limit.
-pub(super) fn actuator(sample_period: f64) -> DriveProfile {
+/// The states of an actuator's own message, with the default time limit; `bears`: it may bear its joint by torque.
+pub(super) fn actuator(sample_period: f64, bears: bool) -> DriveProfile {
     let row = |value, state| StatusPattern {
         mask: 0xFF,
         value,
@@ -25,6 +25,7 @@ pub(super) fn actuator(sample_period: f64) -> DriveProfile {
             row(0, DriveState::Off),
             row(1, DriveState::Enabled),
             row(2, DriveState::Fault),
+            row(translation::BEARS, DriveState::Stopping),
         ],
         control: Some(ControlWords {
             prepare: translation::ENABLE,
@@ -32,10 +33,11 @@ pub(super) fn actuator(sample_period: f64) -> DriveProfile {
             enable: translation::ENABLE,
             disable: translation::DISABLE,
             reset: translation::RESET,
-            quick_stop: None,
+            quick_stop: bears.then_some(translation::BEAR),
         }),
         step_limit: step_limit(STEP_LIMIT_MS, sample_period),
         brake: false,
+        bears,
         time_out_set: None,
     }
 }
@@ -74,6 +76,7 @@ pub(super) fn read(section: Section<'_, '_>, sample_period: f64) -> DriveProfile
             control: section.optional_section("control").map(control),
             step_limit,
             brake,
+            bears: false,
             time_out_set,
         }
     };

@@ -76,9 +76,6 @@ const TORQUE_VELOCITY_SHARE_ALONE: f64 = 0.07;
 const STOPS_BY: [f64; 2] = [0.5, 2.5];
 /// Counts by which the noise of an encoder that stands moves its angle, of which it has one or two.
 const STILL_COUNTS: f64 = 3.5;
-/// Longest time, squared, in which an angle that accelerates may stay within a way of where it was, in that way
-/// over the mean acceleration: there and back to the other side, (sqrt(2) + 2)² = 11.7. One that grows from zero needs 11.9.
-const TURNS_ROUND: f64 = 11.7;
 /// Stiffness of a gear over K_fs0, as far as it stiffens up to its torque limit. Chosen; no experiment recorded.
 const STIFFENS: f64 = 1.5;
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
@@ -356,8 +353,8 @@ pub(super) fn plausibility(
         hidden: if has_link {
             0.0
         } else {
-            let turns = TURNS_ROUND * still[0] / drive.gear_ratio;
-            turns * (rotor + inertia) / (sample_period * sample_period)
+            let way = still[0] / drive.gear_ratio;
+            way * (rotor + inertia) / (sample_period * sample_period)
         },
         torque_margin: STANDSTILL_SHARE * limits.torque
             + NOISE_SIGMAS

@@ -1,0 +1,126 @@
+//! Bearing: a joint whose drive is withdrawn in a fault, and that no brake would hold.
+//!
+//! An actuator that is switched off lets its joint fall. One whose commands hold their gains goes on instead with the
+//! torque that bore the joint before the fault, damped, and without a position: whether its encoder has slipped or its
+//! position loop errs does not matter any more. It is switched off where its own torque drives the joint on, which one
+//! that obeys never does, and when an operator disables the robot.
+
+use robot_config::{JointParameters, Robot};
+use robot_state::{DriveState, JointMeasured, measured_flags};
+use supervisor::{Drive, DriveGoal};
+
+/// Cycles from which on a joint is judged: until then the torque of before ends. Chosen; no experiment recorded.
+const SETTLES: u32 = 8;
+/// Further velocity from which on a joint is driven, share of its limit. Chosen; no experiment recorded.
+const DRIVEN: f64 = 0.05;
+/// Torque that does work on it, share of its limit: less is noise. Chosen; no experiment recorded.
+const WORKS: f64 = 0.03;
+/// Samples in a row that show it. Chosen; no experiment recorded.
+const SAMPLES: u32 = 3;
+/// Cycles in a row in which an actuator may tell that it does not bear its joint: two there and back, and its own time.
+/// Chosen; no experiment recorded.
+const DISOBEYS: u32 = 4;
+
+/// Those of all joints.
+#[derive(Debug)]
+pub(super) struct Bearings(Vec<Option<Bearing>>);
+
+#[derive(Debug, Clone)]
+struct Bearing {
+    gear_ratio: f64,
+    torque_per_current: f64,
+    /// Velocity and torque that make a joint a driven one, rad/s and N·m.
+    driven: [f64; 2],
+    /// The joint is borne, for so many cycles.
+    going: Option<u32>,
+    /// Velocity when it was judged first, rad/s.
+    from: f64,
+    driven_for: u32,
+    /// Cycles in a row in which its actuator has not borne it.
+    unborne: u32,
+}
+
+impl Bearings {
+    pub(super) fn new(robot: &Robot) -> Self {
+        let joint = |joint: &JointParameters| {
+            let profile = joint.drive_profile.as_ref()?;
+            profile.bears.then(|| Bearing {
+                gear_ratio: joint.encoders.gear_ratio,
+                torque_per_current: joint.encoders.gear_ratio
+                    * joint.estimator.wave_generator.torque_constant,
+                driven: [DRIVEN * joint.limits.velocity, WORKS * joint.limits.torque],
+                going: None,
+                from: 0.0,
+                driven_for: 0,
+                unborne: 0,
+            })
+        };
+        Self(robot.parameters.joints.iter().map(joint).collect())
+    }
+
+    /// An operator has switched the drives off.
+    pub(super) fn end(&mut self) {
+        (self.0.iter_mut().flatten()).for_each(|bearing| bearing.going = None);
+    }
+
+    /// Whether the drive of joint `j` is to bear it in this cycle. `wanted`: it is to follow set-points; `may`: a fault is
+    /// latched that does not switch all drives off.
+    pub(super) fn update(
+        &mut self,
+        j: usize,
+        (wanted, may): (bool, bool),
+        drive: &Drive,
+        measured: &JointMeasured,
+    ) -> bool {
+        let Some(bearing) = self.0.get_mut(j).and_then(Option::as_mut) else {
+            return false;
+        };
+        let begins = may && drive.goal() == DriveGoal::Enabled && drive.can_stop();
+        bearing.going = match bearing.going {
+            _ if wanted => None,
+            None if begins => {
+                (bearing.driven_for, bearing.unborne) = (0, 0);
+                Some(0)
+            }
+            None => None,
+            Some(cycles) => {
+                let is_on = drive.is_enabled() || drive.state() == DriveState::Stopping;
+                let is_heard =
+                    measured.flags & (measured_flags::MISSED | measured_flags::STALE) == 0;
+                let errs = is_heard && bearing.errs(cycles, drive, measured);
+                let goes_on = is_on && !errs;
+                goes_on.then_some(cycles.saturating_add(1))
+            }
+        };
+        bearing.going.is_some()
+    }
+}
+
+impl Bearing {
+    /// Whether a sample shows that the actuator does not bear the joint, or drives it on.
+    fn errs(&mut self, cycles: u32, drive: &Drive, measured: &JointMeasured) -> bool {
+        self.unborne = if drive.is_enabled() {
+            self.unborne + 1
+        } else {
+            0
+        };
+        self.is_driven(cycles, measured) || self.unborne > DISOBEYS
+    }
+
+    /// Whether its own torque drives the joint on, by the actuator's own velocity.
+    fn is_driven(&mut self, cycles: u32, measured: &JointMeasured) -> bool {
+        let velocity = measured.omega / self.gear_ratio;
+        if cycles < SETTLES || !velocity.is_finite() {
+            return false;
+        }
+        if cycles == SETTLES {
+            self.from = velocity.abs();
+        }
+        let torque = self.torque_per_current * measured.current;
+        let [faster, works] = self.driven;
+        let is_driven =
+            velocity.abs() > self.from + faster && torque.abs() > works && torque * velocity > 0.0;
+        self.driven_for = if is_driven { self.driven_for + 1 } else { 0 };
+        self.driven_for >= SAMPLES
+    }
+}
