@@ -40,6 +40,13 @@ class Actuator:
         self.enabled, self.command, self.commanded, self.then = False, None, None, time.monotonic()
         #: position and first target at the last enabling; gains and torque while off; words; stops
         self.first, self.while_off, self.words, self.stopped_after = None, [], [], None
+        #: what its encoder shows too much, rad, and the load on its output, N·m
+        self.slip, self.load = 0.0, 0.0
+
+    @property
+    def shown(self):
+        """Its position as its encoder shows it, to its own loop and to others."""
+        return self.q + self.slip
 
     def enable(self):
         self.enabled, self.command, self.commanded, self.first = True, None, time.monotonic(), None
@@ -66,8 +73,8 @@ class Actuator:
         while self.then < now:
             self.then += STEP_S
             p, v, kp, kd, t = self.command or (0.0,) * 5
-            self.torque = kp * (p - self.q) + kd * (v - self.dq) + t if self.command else 0.0
-            self.dq += STEP_S * self.torque / INERTIA
+            self.torque = kp * (p - self.shown) + kd * (v - self.dq) + t if self.command else 0.0
+            self.dq += STEP_S * (self.torque - self.load) / INERTIA
             brake = STEP_S * COULOMB / INERTIA
             self.dq -= max(-brake, min(brake, self.dq))
             self.q += STEP_S * self.dq
@@ -120,7 +127,7 @@ class Damiao(Actuator):
     def answer(self):
         state = self.error or int(self.enabled)
         bits = state << 4 | self.id
-        noisy = self.q + random.gauss(0.0, 2e-4)
+        noisy = self.shown + random.gauss(0.0, 2e-4)
         for x, size, end in ((noisy, 16, self.P), (self.dq, 12, self.V), (self.torque, 12, self.T)):
             bits = bits << size | count(x + random.gauss(0.0, 1e-3 * end) * (size < 16), -end, end, size)
         data = (bits << 16 | 35 << 8 | 33).to_bytes(8, "big")
@@ -161,7 +168,7 @@ class Robstride(Actuator):
         noise = lambda sigma: random.gauss(0.0, sigma)
         data = struct.pack(
             ">4H",
-            count(self.q + noise(2e-4), -self.P, self.P, 16),
+            count(self.shown + noise(2e-4), -self.P, self.P, 16),
             count(self.dq + noise(1e-3), -self.V, self.V, 16),
             count(self.torque + noise(1e-2), -self.T, self.T, 16),
             350,
@@ -285,7 +292,7 @@ class Cubemars(Actuator):
     def state(self):
         """Identifier, position, velocity and torque: six bytes."""
         noise = lambda sigma: random.gauss(0.0, sigma)
-        bits = self.id << 40 | count(self.q + noise(2e-4), -self.P, self.P, 16) << 24
+        bits = self.id << 40 | count(self.shown + noise(2e-4), -self.P, self.P, 16) << 24
         bits |= count(self.dq + noise(1e-3 * self.V), -self.V, self.V, 12) << 12
         bits |= count(self.torque + noise(1e-3 * self.T), -self.T, self.T, 12)
         return bits.to_bytes(6, "big")
@@ -369,7 +376,7 @@ class Moteus(Actuator):
         noise = lambda sigma: random.gauss(0.0, sigma)
         values = {
             0: mode,
-            1: (self.q + noise(2e-4)) / math.tau,
+            1: (self.shown + noise(2e-4)) / math.tau,
             2: (self.dq + noise(1e-3)) / math.tau,
             3: self.torque + noise(0.02),
             4: (self.torque + noise(0.02)) / (10 * 0.05),

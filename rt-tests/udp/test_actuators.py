@@ -96,6 +96,30 @@ def test_they_stop_when_the_daemon_is_killed_or_the_bus_pulled(robot, act, reque
     results.TABLES["stops"].append((family, round(1000 * TIME_OUT_S), act, ms))
 
 
+@pytest.mark.parametrize("robot", ["cubemars", "damiao", "robstride", "moteus"], indirect=True)
+def test_one_whose_encoder_slips_bears_its_load(robot):
+    """No brake would hold it: it goes on with its torque of before, until an operator disables it."""
+    config, line = robot
+    slips, other = line.actuators
+    with daemon(config, "--accept-margins"):
+        client = to_holding()
+        for k in range(20):
+            slips.load = 0.1 * k
+            time.sleep(0.05)
+        time.sleep(0.5)
+        held = slips.q
+        slips.slip = 0.1
+        wait_for_state(client, torqued.RobotState.FAULT)
+        time.sleep(1.0)
+        p, v, kp, kd, torque = slips.command
+        assert slips.enabled and kp == 0.0 and abs(torque - slips.load) < 0.5, slips.command
+        assert abs(slips.q - held) < 0.3
+        assert other.enabled and other.command[2] > 0.0
+        client.disable()
+        time.sleep(0.5)
+        assert not slips.enabled and not other.enabled
+
+
 @pytest.fixture
 def odrives(tmp_path):
     line = Line(Odrive, NODES)

@@ -2,10 +2,14 @@
 
 use can_codec::{BusDbc, Frame, Frames, SignalMap, Table};
 use drives::family::translation::{
-    self, Actuator, DISABLE, ENABLE, RESET, Translator, ask, is_own,
+    self, Actuator, BEAR, DISABLE, ENABLE, RESET, Translator, ask, is_own,
 };
 use drives::family::{Address, FAMILIES, Family, Feedback, SetPoint, State};
 use proptest::prelude::*;
+
+#[path = "translation/bearing.rs"]
+mod bearing;
+use bearing::bearing;
 
 fn actuator(family: &dyn Family) -> Actuator {
     Actuator {
@@ -339,7 +343,7 @@ proptest! {
                         // No torque after disabling, whatever it has told of itself.
                         let off = [family.disable(a.at), family.clear(a.at)];
                         let ends = out.iter().any(|frame| off.contains(frame));
-                        prop_assert!(!was_on || word == ENABLE || ends, "{}", family.name());
+                        prop_assert!(!was_on || matches!(word, ENABLE | BEAR) || ends, "{}", family.name());
                         out
                     }
                     Act::SetPoint(x) => l.encode(SET_POINT, *x),
@@ -350,7 +354,8 @@ proptest! {
                     }
                 };
                 for frame in out {
-                    prop_assert!(word == ENABLE || harmless.contains(&frame), "{act:?}: {frame:?}");
+                    let bears = word == BEAR && bearing(family, 0.0).contains(&frame);
+                    prop_assert!(word == ENABLE || bears || harmless.contains(&frame), "{act:?}: {frame:?}");
                 }
             }
         }

@@ -146,10 +146,10 @@ impl TorqueLoop {
             at[1].name(),
         );
         let less = match &self.law {
-            LoopLaw::Late(space) => {
+            LoopLaw::Late(space) if space.gains.k_i > 0.0 => {
                 format!("K_i_per_s below {:.1} or none given, ", space.gains.k_i)
             }
-            LoopLaw::Predictive(_) => String::new(),
+            LoopLaw::Late(_) | LoopLaw::Predictive(_) => String::new(),
         };
         let allowed = format!(
             "at least 30 degrees and 6 dB: {less}less delay, or K_s up to {:.0} {}",

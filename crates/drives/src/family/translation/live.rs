@@ -22,9 +22,9 @@ const TELLINGS: u8 = 2;
 /// Time constant of the mean of its torque that it goes on with where it is to bear its joint, ns: a drive that goes
 /// astray is found within some 0.03 s, a tenth of it. Chosen; no experiment recorded.
 const BORNE_NS: f64 = 0.3e9;
-/// Share of its range by which an actuator's torque may differ from the one that it is to bear its joint with.
+/// Error of position, rad, by whose torque an actuator's may differ from the one that it is to bear its joint with.
 /// Chosen; no experiment recorded.
-const BORNE_SHARE: f64 = 0.1;
+const BORNE_WAY: f64 = 0.015;
 
 /// A value that is told now and then.
 #[derive(Clone, Copy)]
@@ -269,7 +269,7 @@ impl Live {
 
     /// Difference of two torques that is more than an actuator's error, N·m of the output.
     fn greatest_difference(&self) -> f64 {
-        BORNE_SHARE * self.setting.model.torque * self.ratio
+        BORNE_WAY * self.setting.kp
     }
 
     /// It goes on with its torque of before, damped by its own gain.
@@ -322,7 +322,12 @@ impl Live {
         let Some(bytes) = frame.data.first_chunk::<4>() else {
             return;
         };
-        let word = u32::from_le_bytes(*bytes);
+        // Only one that follows set-points has a torque to go on with.
+        let follows = matches!(self.word, ENABLE | BEAR) && self.state == State::Enabled;
+        let word = match u32::from_le_bytes(*bytes) {
+            BEAR if !follows || !self.family.commands_gains() => DISABLE,
+            word => word,
+        };
         let is_new = word != self.word;
         self.word = word;
         if is_new {
