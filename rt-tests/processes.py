@@ -117,11 +117,13 @@ class Process:
 
 
 def example(package, name):
-    """Builds an example program of a crate; its path."""
-    build = ["cargo", "build", "-q", "-p", package, "--example", name, "--message-format", "json"]
+    """An example program of a crate; its path. It is built as all tests are: with a crate's features alone, all that it
+    depends on would be built once more."""
+    build = ["cargo", "build", "-q", "--workspace", "--features", "rt-tests/vcan", "--example", name]
+    build += ["--message-format", "json"]
     artifacts = subprocess.run(build, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
-    executables = (json.loads(line).get("executable") for line in artifacts.splitlines())
-    return next(path for path in executables if path)
+    found = (json.loads(line) for line in artifacts.splitlines())
+    return next(one["executable"] for one in found if one.get("executable") and f"/{package}#" in one["package_id"])
 
 
 def json_program(path):
