@@ -264,15 +264,15 @@ impl Supervisor {
 
     fn lead_drives(&mut self, known: &Known<'_>) {
         self.listening &= self.machine.state() == RobotState::Boot;
-        let all_off = self.machine.safety() == Some(Safety::Off);
-        let may_bear = self.machine.fault().is_some() && !all_off;
+        let safety = self.machine.safety();
+        let all_off = safety == Some(Safety::Off);
         let joints = self.drives.iter_mut().zip(&self.conditions);
         for (j, (drive, condition)) in joints.enumerate() {
             // The event may speak against this joint's drive.
             let may_stop = all_off && self.fault_subject != Some(Subject::Joint(j));
             let wanted = self.machine.wants_drive(j);
             let measured = &known.measured.joints[j];
-            let bears = (self.bearings).update(j, (wanted, may_bear), drive, measured);
+            let bears = (self.bearings).update(j, (wanted, safety), drive, measured);
             drive.pursue(if self.listening {
                 DriveGoal::Listen
             } else if wanted {

@@ -7,7 +7,7 @@
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{DriveState, JointMeasured, measured_flags};
-use supervisor::{Drive, DriveGoal};
+use supervisor::{Drive, DriveGoal, Safety};
 
 /// Cycles from which on a joint is judged: until then the torque of before ends. Chosen; no experiment recorded.
 const SETTLES: u32 = 8;
@@ -44,7 +44,7 @@ impl Bearings {
     pub(super) fn new(robot: &Robot) -> Self {
         let joint = |joint: &JointParameters| {
             let profile = joint.drive_profile.as_ref()?;
-            profile.bears.then(|| Bearing {
+            profile.bears.then_some(Bearing {
                 gear_ratio: joint.encoders.gear_ratio,
                 torque_per_current: joint.encoders.gear_ratio
                     * joint.estimator.wave_generator.torque_constant,
@@ -63,21 +63,21 @@ impl Bearings {
         (self.0.iter_mut().flatten()).for_each(|bearing| bearing.going = None);
     }
 
-    /// Whether the drive of joint `j` is to bear it in this cycle. `wanted`: it is to follow set-points; `may`: a fault is
-    /// latched that does not switch all drives off.
+    /// Whether the drive of joint `j` is to bear it in this cycle. `wanted`: it is to follow set-points; `safety`: of the
+    /// latched fault. One that switches all drives off ends it, and one that is acknowledged does not.
     pub(super) fn update(
         &mut self,
         j: usize,
-        (wanted, may): (bool, bool),
+        (wanted, safety): (bool, Option<Safety>),
         drive: &Drive,
         measured: &JointMeasured,
     ) -> bool {
         let Some(bearing) = self.0.get_mut(j).and_then(Option::as_mut) else {
             return false;
         };
-        let begins = may && drive.goal() == DriveGoal::Enabled && drive.can_stop();
+        let begins = safety.is_some() && drive.goal() == DriveGoal::Enabled && drive.can_stop();
         bearing.going = match bearing.going {
-            _ if wanted => None,
+            _ if wanted || safety == Some(Safety::Off) => None,
             None if begins => {
                 (bearing.driven_for, bearing.unborne) = (0, 0);
                 Some(0)
