@@ -116,14 +116,14 @@ class Process:
         self.kill()
 
 
-def example(package, name):
-    """An example program of a crate; its path. It is built as all tests are: with a crate's features alone, all that it
+def example(name):
+    """An example program; its path. It is built as all tests are: with a crate's features alone, all that it
     depends on would be built once more."""
     build = ["cargo", "build", "-q", "--workspace", "--features", "rt-tests/vcan", "--example", name]
     build += ["--message-format", "json"]
     artifacts = subprocess.run(build, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
     found = (json.loads(line) for line in artifacts.splitlines())
-    return next(one["executable"] for one in found if one.get("executable") and f"/{package}#" in one["package_id"])
+    return next(one["executable"] for one in found if one.get("executable") and one["target"]["name"] == name)
 
 
 def json_program(path):

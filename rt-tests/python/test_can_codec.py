@@ -18,7 +18,7 @@ FRAMES = 20
 
 @pytest.fixture(scope="module")
 def codec():
-    return json_program(example("can-codec", "codec_json"))
+    return json_program(example("codec_json"))
 
 
 def random_dbc(seed):

@@ -17,7 +17,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 @pytest.fixture(scope="module")
 def ours():
-    return json_program(example("identification", "estimators_json"))
+    return json_program(example("estimators_json"))
 
 
 def test_savitzky_golay_coefficients(ours):

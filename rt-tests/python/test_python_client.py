@@ -33,7 +33,7 @@ JOINTS = 6
 
 @pytest.fixture(scope="module")
 def program():
-    return example("torqued-client", "stand_in_daemon")
+    return example("stand_in_daemon")
 
 
 @pytest.fixture

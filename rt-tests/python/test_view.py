@@ -205,7 +205,7 @@ def test_with_control_the_page_moves_stops_and_acknowledges(page, run_dir):
 
 
 def test_a_fault_is_shown_with_its_cause_and_next_step_until_it_is_acknowledged(page, run_dir):
-    with Process(example("torqued-client", "stand_in_daemon"), "stand_in") as robot:
+    with Process(example("stand_in_daemon"), "stand_in") as robot:
         robot.wait_for("publishing")
         with view("--control") as shown:
             page.goto(shown.address)
