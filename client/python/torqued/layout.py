@@ -224,7 +224,7 @@ EVENTS = (
     Event(405, "velocity_limit", "A command was limited to the joint's velocity or power.", "joint.velocity_limit_rad_per_s / joint.power_limit_W", "warn"),
     Event(406, "drive_fault", "A drive reports a fault of its own; its set-points are withdrawn.", "drive.state", "hold"),
     Event(407, "drive_lost", "A drive is no longer enabled though nobody switched it off (emergency stop, power); its set-points are withdrawn.", "drive.state", "hold"),
-    Event(408, "following_error", "A drive does not follow its set-points: torque, velocity and position show another one. Its set-points are withdrawn, and it is switched off.", "joint.following_error_deg / joint.following_error_A", "hold"),
+    Event(408, "following_error", "A drive does not follow its set-points: torque, velocity and position show another one. Its set-points are withdrawn: it is switched off or bears its joint.", "joint.following_error_deg / joint.following_error_A", "hold"),
     Event(409, "overspeed", "A joint moves at more than 1.25 times its velocity limit, by both encoders.", "joint.velocity_limit_rad_per_s", "stop"),
     Event(410, "following_doubtful", "While a client's torque was followed, a drive's torque, velocity and position showed another set-point than was sent: it does not follow, or both encoders of its joint err alike.", "-", "hold"),
     Event(411, "drive_unguarded", "A drive's own time limit for set-points is off: if the bus broke it would go on with the last one. It is not enabled.", "drive.state.time_out_set", "off"),

@@ -221,7 +221,7 @@ events! {
     VelocityLimit = 405, "velocity_limit", Warn, "joint.velocity_limit_rad_per_s / joint.power_limit_W", "A command was limited to the joint's velocity or power.";
     DriveFault = 406, "drive_fault", Hold, "drive.state", "A drive reports a fault of its own; its set-points are withdrawn.";
     DriveLost = 407, "drive_lost", Hold, "drive.state", "A drive is no longer enabled though nobody switched it off (emergency stop, power); its set-points are withdrawn.";
-    FollowingError = 408, "following_error", Hold, "joint.following_error_deg / joint.following_error_A", "A drive does not follow its set-points: torque, velocity and position show another one. Its set-points are withdrawn, and it is switched off.";
+    FollowingError = 408, "following_error", Hold, "joint.following_error_deg / joint.following_error_A", "A drive does not follow its set-points: torque, velocity and position show another one. Its set-points are withdrawn: it is switched off or bears its joint.";
     Overspeed = 409, "overspeed", Stop from Hold, "joint.velocity_limit_rad_per_s", "A joint moves at more than 1.25 times its velocity limit, by both encoders.";
     FollowingDoubtful = 410, "following_doubtful", Hold, "-", "While a client's torque was followed, a drive's torque, velocity and position showed another set-point than was sent: it does not follow, or both encoders of its joint err alike.";
     DriveUnguarded = 411, "drive_unguarded", Off, "drive.state.time_out_set", "A drive's own time limit for set-points is off: if the bus broke it would go on with the last one. It is not enabled.";

@@ -1,9 +1,9 @@
 //! Bearing: a joint whose drive is withdrawn in a fault, and that no brake would hold.
 //!
 //! An actuator that is switched off lets its joint fall. One whose commands hold their gains goes on instead with the
-//! torque that bore the joint before the fault, damped, and without a position: whether its encoder has slipped or its
-//! position loop errs does not matter any more. It is switched off where its own torque drives the joint on, which one
-//! that obeys never does, and when an operator disables the robot.
+//! mean of its torque before the fault, damped, and without a position: then neither a slipped encoder nor a wrong target
+//! moves the joint. It is switched off where it reports another torque than that, where its torque drives the joint on,
+//! and when an operator or a fault's reaction switches all drives off.
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{DriveState, JointMeasured, measured_flags};
@@ -17,11 +17,11 @@ const DRIVEN: f64 = 0.05;
 const WORKS: f64 = 0.03;
 /// Samples in a row that show it. Chosen; no experiment recorded.
 const SAMPLES: u32 = 3;
-/// Cycles in a row in which an actuator may tell that it does not bear its joint: two there and back, and its own time.
+/// Cycles in a row in which an actuator may report that it does not bear its joint: two there and back, and its own time.
 /// Chosen; no experiment recorded.
 const DISOBEYS: u32 = 4;
 
-/// Those of all joints.
+/// Bearing of each joint; none where its drive cannot.
 #[derive(Debug)]
 pub(super) struct Bearings(Vec<Option<Bearing>>);
 

@@ -32,7 +32,7 @@ pub const ENABLE: u32 = 1;
 pub const RESET: u32 = 2;
 /// Control word: it follows no position, but goes on with its torque of before, damped.
 pub const BEAR: u32 = 3;
-/// Status word of an actuator that does, by its own torque where it tells one.
+/// Status word of an actuator that does, as far as it reports its torque.
 pub const BEARS: u32 = 4;
 /// Status word of an actuator of whose state nothing has been heard for [`SILENT_NS`].
 const UNKNOWN: u32 = 3;

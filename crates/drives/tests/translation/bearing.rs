@@ -3,7 +3,7 @@
 use super::*;
 use drives::family::translation::BEARS;
 
-/// The commands of one that bears its joint by a torque that it has told, N·m: without a gain for position.
+/// The commands of one that bears its joint by a torque that it has reported, N·m: without a gain for position.
 pub(crate) fn bearing(family: &dyn Family, torque: f64) -> Vec<Frame> {
     let a = actuator(family);
     let told = Feedback {
@@ -22,7 +22,7 @@ pub(crate) fn bearing(family: &dyn Family, torque: f64) -> Vec<Frame> {
         };
         family.command(a.at, &a.model, &damped)
     };
-    // Before a torque was told there is none.
+    // Before it has reported a torque there is none.
     let silent = command(Feedback {
         torque: None,
         ..answers.iter().find_map(read).unwrap_or_default()
@@ -80,7 +80,7 @@ fn withdrawn_it_goes_on_with_its_torque_of_before_without_a_position() {
         });
         // Those that send floats are not hit by twenty tries.
         assert!(within || a.model.position > 1e3, "{name}");
-        // It says that it bears the joint where its torque shows it, and that it does not where not.
+        // Its status is that it bears the joint only where its torque is that of before.
         for (torque, status) in [(3.0, BEARS), (-3.0 - 0.2 * a.model.torque, ENABLE)] {
             tell(&mut l, family, &told(State::Enabled, torque), 3_000_000_000);
             assert_eq!(l.slots[STATUS], f64::from(status), "{name} {torque}");

@@ -58,8 +58,9 @@ const NOT_PUSHED: (u32, f64) = (0, 0.0);
 /// its acceleration meanwhile, where that changes evenly from one sign to the other. By trying all velocities.
 const HIDES: f64 = 62.0;
 
-/// Torque that brings a joint to rest, by `hidden` and the square of its velocity: a third, and less as the velocity is
-/// a mean of before. Chosen on a simulated arm that shares no code with this project: 0.2 latched sound motion.
+/// Torque that brings a joint to rest on one and a half ways, over `hidden` and the square of its velocity: a third, and
+/// less as the joint is slower at the end of the way by which its velocity is taken. Chosen on a simulated arm of another
+/// make, whose sound motion latched a fault with 0.2.
 const STOPS: f64 = 0.1;
 
 /// Where a motor stands since its last motion.
@@ -70,7 +71,7 @@ pub(super) struct Standstill {
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
-    /// Samples in a row with a torque that would move it, or since it halted; those with such a torque count by it.
+    /// Samples in a row with a torque that would move it, or since it halted; a greater torque counts several times.
     pressed: u32,
     /// Samples in a row with such a torque, and the sum of what it is beyond the one that holds, N·m.
     pushed: (u32, f64),
@@ -95,7 +96,7 @@ impl Standstill {
             last => {
                 let moving = last.filter(|last| in_a_row && last.pressed == 0);
                 let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
-                let samples = moving.map_or(1, |last| last.stood + 1);
+                let samples = moving.map_or(1, |last| last.stood.saturating_add(1));
                 Self {
                     from: sample,
                     halted: way > p.stop_way,
@@ -158,7 +159,7 @@ impl Standstill {
     /// Whether a joint that has only one encoder may just turn round within its counts.
     fn turns_round(&self, p: &PlausibilityParameters) -> bool {
         let (samples, sum) = self.pushed;
-        // Torque that brings it to rest on one and a half of these ways, and what there has been besides.
+        // Torque that brings it to rest, and the greatest that it may have had.
         let stops = STOPS * p.hidden * self.entry * self.entry;
         let there_was = self.from.torque.abs() + sum / f64::from(samples.max(1)) + p.friction;
         stops < there_was && f64::from(samples) * sum < HIDES * p.hidden

@@ -69,7 +69,7 @@ pub(super) struct Live {
     velocity: f64,
     torque: Option<f64>,
     current: Option<f64>,
-    /// Mean of its torque while it followed set-points, N·m of the output, and when it was told last, ns.
+    /// Mean of its torque while it followed set-points, N·m of the output, and when it was reported last, ns.
     borne: Option<(f64, u64)>,
     temperature: Told,
     voltage: Told,
@@ -261,7 +261,7 @@ impl Live {
         self.borne.map_or(0.0, |(torque, _)| torque)
     }
 
-    /// Its torque is that of before less its damping, as far as it tells.
+    /// Its torque is that of before less its damping, as far as it reports one.
     fn bears(&self) -> bool {
         let asked = self.borne() - self.setting.kd * self.velocity;
         (self.torque).is_none_or(|torque| (torque - asked).abs() <= self.greatest_difference())
