@@ -19,7 +19,7 @@ use crate::failure::Failure;
 
 /// Longest wait for a frame while no drive is being set up, ns.
 const IDLE_NS: u64 = 50_000_000;
-/// Time from one set-up of a drive to the next, ns: one that fails is not tried without end.
+/// Time from one set-up of a drive to the next, ns.
 const AGAIN_NS: u64 = 5_000_000_000;
 
 /// The watch; ends when it is dropped.
@@ -192,7 +192,12 @@ fn go_on(node: &mut Node, now: u64, buses: &[String], out: &mut Vec<Frame>) {
         ),
         Outcome::Failed(trouble) => {
             let problem = bring_up::problem(trouble, buses);
-            tracing::warn!("{problem}; tried again when it is heard of");
+            // It may have nothing more to say, as a reset ends its heartbeat.
+            node.lost = true;
+            tracing::warn!(
+                "{problem}; tried again every {} s",
+                AGAIN_NS / 1_000_000_000
+            );
         }
     }
     node.set_up = None;

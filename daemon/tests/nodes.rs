@@ -120,3 +120,32 @@ fn a_drive_whose_supply_fails_stops_the_robot() {
         rig.until(RobotState::Fault, 3000);
     }
 }
+
+/// The drive goes to zero, and its own following error ends nothing.
+#[test]
+fn a_drive_that_runs_away_and_hears_no_control_words_is_reset() {
+    let mut rig = Rig::new("canopen-joint", Vec::new());
+    rig.until(RobotState::Holding, 5000);
+    let robot = rig.control_loop.bus_mut().peer_mut();
+    let started = robot.truth().joints[0].q;
+    let faults = robot.robot_mut().drive_faults(0).expect("a drive");
+    (faults.deaf, faults.set_point.offset) = (true, 0.5);
+    rig.until(RobotState::Fault, 100);
+    let way = |rig: &Rig| {
+        let robot = rig.control_loop.bus().peer();
+        (robot.truth().joints[0].q - started).abs().to_degrees()
+    };
+    for _ in 0..1000 {
+        rig.cycle();
+    }
+    let after_a_second = way(&rig);
+    assert!(
+        after_a_second < 10.0,
+        "{after_a_second:.1} deg of the 29 to where it goes"
+    );
+    for _ in 0..300 {
+        rig.cycle();
+    }
+    let goes_on = (way(&rig) - after_a_second).abs();
+    assert!(goes_on < 0.1, "{goes_on:.2} deg");
+}

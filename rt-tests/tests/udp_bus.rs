@@ -7,6 +7,8 @@ use bus::{ONE, Rig, STRANGER, answers, assert_same, conforms, frame, frames, rec
 use can_codec::{DATAGRAM_BYTES, Frame, Frames, Gather, MAX_FRAMES, to_datagram};
 use robot_config::UdpGroup;
 use std::net::{Ipv4Addr, UdpSocket};
+use std::thread;
+use std::time::Duration;
 use torqued::bus::{Bus, Member, OpenError, UdpMulticast};
 
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 74, 163, 2);
@@ -51,6 +53,7 @@ impl Two {
     fn new() -> Self {
         let groups = two_groups();
         let [bus, other, marker] = [(); 3].map(|()| open(&groups));
+        await_stamps();
         Self { bus, other, marker }
     }
 }
@@ -74,6 +77,24 @@ impl Rig for Two {
         received.retain(|frame| frame.id != STRANGER || frame.len != 1 || frame.data[0] != 0x6d);
         (received, self.other.counters().dropped)
     }
+}
+
+/// Waits until the kernel stamps arriving datagrams: it begins some time after the first socket has asked
+/// for it, and gives those before then the time at which they are read.
+fn await_stamps() {
+    let groups = two_groups();
+    let (mut bus, mut other) = (open(&groups), open(&groups));
+    let waits = Duration::from_millis(2);
+    for _ in 0..1000 {
+        other.send(&frames(&[frame(0, ONE, 8, false, 0)]));
+        thread::sleep(waits);
+        let read_ns = bus.now_ns();
+        let stamp_ns = drain(&mut bus).first().map_or(read_ns, |f| f.stamp_ns);
+        if stamp_ns + waits.as_nanos() as u64 / 2 < read_ns {
+            return;
+        }
+    }
+    panic!("the kernel does not stamp datagrams");
 }
 
 /// Everything that is waiting.
@@ -100,6 +121,7 @@ fn udp_multicast_conforms() {
 fn own_frames_are_passed_over_and_those_of_the_same_machine_are_not() {
     let groups = two_groups();
     let (mut bus, mut other) = (open(&groups), open(&groups));
+    await_stamps();
     bus.send(&frames(&answers()));
     other.send(&frames(&answers()[..1]));
     assert_same(receive(&mut bus).as_slice(), &answers()[..1]);
@@ -173,6 +195,7 @@ fn losses_in_the_kernel_are_counted() {
 fn backlog_is_worked_off_without_loss_in_the_order_of_arrival() {
     let groups = two_groups();
     let (mut bus, mut other) = (open(&groups), open(&groups));
+    await_stamps();
     let list: Vec<_> = (0..300_u64)
         .map(|i| frame((i % 3 / 2) as u8, ONE, 8, false, i))
         .collect();

@@ -4,13 +4,14 @@
 //! would go on with the last one: it is sent zero until it has been off for a while. And where several joints share a
 //! message, the others need it: the joint's slot then has zero current, or the position where it was
 //! measured last, if its drive is kept off by control words; else the message ends for all of them. So it does
-//! where the drive stays enabled all the same: only its own time-out can still stop it.
+//! where the drive stays enabled all the same: only its own time-out can still stop it. A CANopen drive, which has none
+//! for set-points, is then reset by network management: it starts anew, with its power stage off.
 //!
 //! A drive that takes positions is sent where its motor stands before it is enabled: one that keeps a target of
 //! its own would go there.
 
 use can_codec::{Frame, Frames, Table};
-use robot_config::{JointParameters, Robot, slots};
+use robot_config::{JointParameters, Plan, Robot, slots};
 use robot_state::{DriveState, Event, JointMeasured, MeasuredRecord, measured_flags};
 use supervisor::{Drive, DriveProfile};
 
@@ -20,6 +21,8 @@ use crate::joint::Joints;
 
 /// Control words are repeated after so many cycles, for a drive that lost one.
 const REPEAT: u32 = 100;
+/// A node's reset is repeated after so many cycles, as it may be lost. Chosen; no experiment recorded.
+const RESET_REPEAT: u32 = 5;
 /// Time in which a drive switches off that hears its control word, s: two cycles there and back at 1 kHz, and its step.
 const RUNS_S: f64 = 0.005;
 /// Way, rad, by which a joint goes on within [`RUNS_S`] whose drive runs away: what the others lose is less.
@@ -46,6 +49,8 @@ struct Addressed {
     /// first of them, rad.
     deaf: u32,
     left_at: f64,
+    /// Resets a CANopen drive.
+    reset: Option<Frame>,
 }
 
 /// The frames that carry set-points and control words.
@@ -86,6 +91,9 @@ impl Emit {
                     gear_ratio: joint.encoders.gear_ratio,
                     deaf: 0,
                     left_at: f64::NAN,
+                    reset: (robot.nodes.plans.iter())
+                        .find(|plan| plan.name == joint.name)
+                        .map(Plan::reset),
                 })
                 .collect(),
             shared: shared(&robot.send),
@@ -138,6 +146,14 @@ impl Emit {
             // Of drives by profiles each has a message of its own for its control word, which is seldom due.
             if (due || !control) && self.table.encode(message, &self.slots, &mut frame) {
                 tx.push(frame);
+            }
+        }
+        for (joint, measured) in self.joints.iter().zip(&measured.joints) {
+            // A drive that says nothing may be starting anew already.
+            let beyond = joint.deaf.checked_sub(self.deaf_limit + 1);
+            let due = beyond.is_some_and(|cycles| cycles.is_multiple_of(RESET_REPEAT));
+            if let Some(reset) = joint.reset.filter(|_| due && status(measured).is_some()) {
+                tx.push(reset);
             }
         }
         counts.add_many(Event::SendFailed, tx.overflow());

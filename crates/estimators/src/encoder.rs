@@ -58,6 +58,10 @@ struct Unwrapped {
     rate: Option<f64>,
     /// A reading since the last one that was used has jumped.
     jumped: bool,
+    /// The last reading, rad, if it has jumped.
+    elsewhere: Option<f64>,
+    /// It has jumped to where the one before had.
+    stays: bool,
 }
 
 /// Share of a way by which instants of sampling may make the next one differ.
@@ -80,6 +84,8 @@ impl Unwrapped {
             periods: 0,
             rate: None,
             jumped: false,
+            elsewhere: None,
+            stays: false,
         }
     }
 
@@ -95,6 +101,8 @@ impl Unwrapped {
     /// Takes a reading, not finite if there is none, which is expected near `near`.
     fn take(&mut self, reading: f64, near: f64) -> Taken {
         self.periods = self.periods.saturating_add(1);
+        let elsewhere = self.elsewhere.take();
+        self.stays = false;
         if !reading.is_finite() {
             return Taken::Missed;
         }
@@ -105,7 +113,9 @@ impl Unwrapped {
         let reach = self.max_step * periods;
         if let Some(last) = self.angle {
             if (angle - near).abs() > reach && !self.goes_on(angle - last, periods) {
-                self.jumped = true;
+                self.stays =
+                    elsewhere.is_some_and(|before| (angle - before).abs() <= self.max_step);
+                (self.jumped, self.elsewhere) = (true, Some(angle));
                 return Taken::Jumped;
             }
             self.rate = (!self.jumped).then_some((angle - last) / periods);
@@ -236,6 +246,20 @@ impl JointEncoders {
     #[must_use]
     pub fn angles(&self) -> &JointAngles {
         &self.last
+    }
+
+    /// theta and q, rad, as they were read last, also where they jumped.
+    #[must_use]
+    pub fn read(&self) -> [f64; 2] {
+        let of = |encoder: &Unwrapped| encoder.elsewhere.or(encoder.angle);
+        let q = of(&self.link).unwrap_or(self.last.q);
+        [of(&self.motor).unwrap_or(self.last.theta), q]
+    }
+
+    /// The last reading of one encoder jumped to where the one before had: no corrupt reading does.
+    #[must_use]
+    pub fn stays_elsewhere(&self) -> bool {
+        self.motor.stays || self.link.stays
     }
 
     /// Takes one reading of each encoder; NaN where there is none.

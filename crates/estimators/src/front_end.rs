@@ -106,6 +106,18 @@ impl FrontEnd {
         self.encoders.angles()
     }
 
+    /// theta and q, rad, as they were read last, also where they jumped.
+    #[must_use]
+    pub fn read(&self) -> [f64; 2] {
+        self.encoders.read()
+    }
+
+    /// The last reading of one encoder jumped to where the one before had.
+    #[must_use]
+    pub fn stays_elsewhere(&self) -> bool {
+        self.encoders.stays_elsewhere()
+    }
+
     /// Forgets every reading.
     pub fn reset(&mut self) {
         self.encoders.reset();

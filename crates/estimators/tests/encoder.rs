@@ -116,6 +116,20 @@ fn a_reading_that_stays_away_is_accepted_once_the_joint_could_be_there() {
 }
 
 #[test]
+fn readings_that_jump_to_one_place_are_told_from_those_that_jump_about() {
+    let mut encoders = JointEncoders::new(parameters());
+    let readings = [0.0, 0.3, 0.0, 0.3, 0.303, -0.4, f64::NAN, -0.4, -0.401, 0.0];
+    let stays = readings.map(|q| {
+        encoders.update(0.0, q);
+        encoders.stays_elsewhere()
+    });
+    let expected = [4, 8];
+    for (i, stays) in stays.into_iter().enumerate() {
+        assert_eq!(stays, expected.contains(&i), "{i}");
+    }
+}
+
+#[test]
 fn motion_during_a_gap_is_caught_up() {
     let mut encoders = JointEncoders::new(parameters());
     encoders.update(0.0, 0.0);

@@ -39,7 +39,7 @@ pub use settings::{Setting, Source};
 pub use whole_body::{FilterGains, contact_names, whole_body_parameters};
 
 use can_codec::{Frame, Table};
-use drives_of_makers::canopen::bring_up::Plan;
+pub use drives_of_makers::canopen::bring_up::Plan;
 use drives_of_makers::family::translation::Actuator;
 use dynamics::{Base, Model};
 use reader::{Diagnostics, Section};

@@ -89,7 +89,10 @@ pub enum Sample {
     /// No sample came in time.
     Missed,
     /// An encoder moved further than its joint can.
-    Jump,
+    Jump {
+        /// To where it had in the sample before.
+        again: bool,
+    },
 }
 
 /// How far a joint is to be believed.
@@ -155,13 +158,16 @@ impl Plausibility {
 
     /// Takes the sample of a cycle.
     pub fn update(&mut self, sample: Sample) -> Trust {
+        let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
         let good = match sample {
             // Neither good nor bad: age is judged elsewhere.
             Sample::Missed => {
                 self.forget();
                 return self.trust;
             }
-            Sample::Jump => {
+            Sample::Jump { again } => {
+                // No frame is corrupted twice alike. A position drive that feels the step moves its joint meanwhile.
+                self.slipped |= again && trusted;
                 let courses = self.torsion.course.zip(self.motor.course);
                 let jumped = match (self.jumped, courses) {
                     (Some((before, readings)), _) => Some((before, readings.saturating_add(1))),
@@ -172,7 +178,6 @@ impl Plausibility {
                 false
             }
             Sample::Angles { torsion, motor } => {
-                let trusted = matches!(self.trust, Trust::Plausible | Trust::Suspect);
                 // A joint that is not trusted may step back to what is right.
                 let stepped = if trusted {
                     self.follow(torsion, motor)
@@ -190,13 +195,13 @@ impl Plausibility {
             }
         };
         let p = &self.parameters;
-        let trusted = count_in_a_row(&mut self.good, good) >= p.samples_to_trust;
+        let settled = count_in_a_row(&mut self.good, good) >= p.samples_to_trust;
         let doubted = count_in_a_row(&mut self.bad, !good) >= p.samples_to_doubt;
         // Readings that agree with each other again may still be another joint's.
-        self.slipped |= doubted && matches!(self.trust, Trust::Plausible | Trust::Suspect);
+        self.slipped |= doubted && trusted;
         self.trust = match self.trust {
             _ if self.slipped => Trust::Implausible,
-            _ if trusted => Trust::Plausible,
+            _ if settled => Trust::Plausible,
             _ if doubted => Trust::Implausible,
             Trust::Plausible | Trust::Suspect if good => Trust::Plausible,
             Trust::Plausible | Trust::Suspect => Trust::Suspect,

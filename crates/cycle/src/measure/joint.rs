@@ -227,7 +227,8 @@ impl JointReader {
             slot(slots::current(self.index)),
         );
         let angles = *self.front_end.angles();
-        self.shown = [angles.theta * self.link_per_motor, angles.q];
+        let [theta, q] = self.front_end.read();
+        self.shown = [theta * self.link_per_motor, q];
         (sample, angles)
     }
 
@@ -304,7 +305,9 @@ impl JointReader {
     /// The flag of a sample that the joint's encoders cannot both have measured.
     fn implausible(&mut self, angles: &JointAngles) -> u32 {
         let sample = if angles.flags & measured_flags::JUMP != 0 {
-            Sample::Jump
+            Sample::Jump {
+                again: self.front_end.stays_elsewhere(),
+            }
         } else if angles.flags != 0 {
             Sample::Missed
         } else {
@@ -316,7 +319,7 @@ impl JointReader {
         let good = match sample {
             Sample::Angles { torsion, .. } => self.plausibility.explains(torsion),
             Sample::Missed => true,
-            Sample::Jump => false,
+            Sample::Jump { .. } => false,
         };
         match self.plausibility.update(sample) {
             Trust::Plausible => 0,

@@ -54,7 +54,7 @@ fn a_step_that_stays_is_an_encoders_and_an_impact_is_not() {
     assert_eq!(slipped.update(wound(next() + 0.001)), Trust::Implausible);
 
     let (mut jumped, mut next) = trusted();
-    assert_eq!(jumped.update(Sample::Jump), Trust::Suspect);
+    assert_eq!(jumped.update(Sample::Jump { again: false }), Trust::Suspect);
     next();
     assert_eq!(jumped.update(wound(next() + 0.001)), Trust::Implausible);
 
@@ -71,6 +71,20 @@ fn a_step_that_stays_is_an_encoders_and_an_impact_is_not() {
     let (mut glitch, mut next) = trusted();
     assert_eq!(glitch.update(wound(next() + 0.001)), Trust::Suspect);
     assert_eq!(glitch.update(wound(next())), Trust::Plausible);
+}
+
+/// A position drive whose encoder slips moves its joint until it is known: there is no waiting for as many samples as
+/// corrupt frames would be.
+#[test]
+fn an_encoder_that_jumps_to_one_place_twice_has_slipped() {
+    let (mut joint, _) = trusted();
+    assert_eq!(joint.update(Sample::Jump { again: false }), Trust::Suspect);
+    assert_eq!(joint.update(Sample::Jump { again: false }), Trust::Suspect);
+    assert_eq!(
+        joint.update(Sample::Jump { again: true }),
+        Trust::Implausible
+    );
+    assert!(joint.has_slipped());
 }
 
 #[test]
@@ -106,7 +120,7 @@ fn trust_needs_good_samples_in_a_row_and_doubt_bad_ones() {
     assert_eq!(after(&[good; 5]), Trust::Plausible);
     assert_eq!(after(&[bad, good, good, good, good]), Trust::Settling);
     let mut samples = vec![good; 5];
-    samples.extend([bad, Sample::Jump]);
+    samples.extend([bad, Sample::Jump { again: false }]);
     assert_eq!(after(&samples), Trust::Suspect);
     samples.push(good);
     assert_eq!(after(&samples), Trust::Plausible);

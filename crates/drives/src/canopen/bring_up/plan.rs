@@ -1,6 +1,8 @@
 //! The steps of a set-up, as data.
 
 use super::{Bound, Object};
+use crate::canopen::Nmt;
+use can_codec::Frame;
 
 /// One step of a set-up.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,6 +86,14 @@ pub struct Plan {
     pub name: String,
     /// The steps in order.
     pub steps: Vec<Step>,
+}
+
+impl Plan {
+    /// Restarts the node, for a drive that hears no control word: it starts anew with its power stage off.
+    #[must_use]
+    pub fn reset(&self) -> Frame {
+        Nmt::Reset.frame(self.bus, self.node)
+    }
 }
 
 /// Time limits of a set-up.
