@@ -105,7 +105,7 @@ class Drive:
         torque=None,
     ):  # fmt: skip
         self.line, self.period_s, self.id, self.refuse, self.forget = line, period_s, node, refuse, forget
-        self.vendor = vendor
+        self.vendor, self.deaf = vendor, False
         self.q, self.dq, self.ddq, self.amperes = degrees / 360 * COUNTS, 0.0, 0.0, 0.0
         self.enabled_at, self.worst_jump = None, 0.0
         self.nmt, self.aborts = [], []
@@ -240,6 +240,8 @@ class Drive:
 
     def _control(self):
         """The state machine of CiA 402, by the control word."""
+        if self.deaf:
+            return
         word, status = self.number(0x6040), self.number(0x6041)
         if status & 0x4F == 0x08:
             status = OFF if word & 0x80 else status

@@ -221,6 +221,22 @@ def test_a_drive_that_starts_anew_is_named_withdrawn_and_set_up_anew(tmp_path, l
     assert max(drive.worst_jump for drive in line.drives) < 1e-3
 
 
+def test_a_drive_that_hears_no_control_words_is_reset(tmp_path, line):
+    changes = [(r'enable = "automatic"', 'enable = "operator"')]
+    with daemon(configuration(tmp_path, changes), "--accept-margins") as process:
+        client = torqued.Client("test-joint", timeout_s=10.0)
+        wait_for_state(client, torqued.RobotState.READY)
+        client.enable()
+        wait_for_state(client, torqued.RobotState.HOLDING)
+        drive, other = line.drives
+        drive.deaf = True
+        client.disable()
+        process.wait_for(r"joint \(node 3\) has started anew")
+        assert 0x81 in drive.nmt and 0x81 not in other.nmt
+        assert not drive.enabled and not other.enabled
+        process.terminate()
+
+
 @pytest.mark.parametrize(
     "line, said",
     [

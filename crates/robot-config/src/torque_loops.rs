@@ -17,6 +17,8 @@ pub struct TorqueLoop {
     pub bound: bool,
     /// The joint turns or slides.
     pub joint_kind: JointKind,
+    /// Its drive takes currents.
+    pub takes_current: bool,
     /// The law, with K_s and K_d.
     pub law: LoopLaw,
 }
@@ -58,6 +60,7 @@ fn torque_loop(joint: &JointParameters, parameters: &Parameters) -> TorqueLoop {
         name: joint.name.clone(),
         bound: predictive || late.is_some(),
         joint_kind: joint.kind,
+        takes_current: !joint.takes_position(),
         law: match late {
             Some(late) => LoopLaw::Late(late),
             None => LoopLaw::Predictive(predictive_loop(joint)),
@@ -145,17 +148,25 @@ impl TorqueLoop {
             at[0].name(),
             at[1].name(),
         );
-        let less = match &self.law {
+        let mut ways = Vec::new();
+        match &self.law {
             LoopLaw::Late(space) if space.gains.k_i > 0.0 => {
-                format!("K_i_per_s below {:.1} or none given, ", space.gains.k_i)
+                let k_i = space.gains.k_i;
+                ways.push(format!("K_i_per_s below {k_i:.1} or none given"));
             }
-            LoopLaw::Late(_) | LoopLaw::Predictive(_) => String::new(),
-        };
-        let allowed = format!(
-            "at least 30 degrees and 6 dB: {less}less delay, or K_s up to {:.0} {}",
-            self.largest_stiffness(),
-            self.joint_kind.units("N·m/rad")
-        );
+            // Around a current nothing else damps the torque: a cycle of delay is too much.
+            LoopLaw::Predictive(_) if self.takes_current => {
+                ways.push("[control] law = \"proportional_integral\"".to_owned());
+            }
+            LoopLaw::Late(_) | LoopLaw::Predictive(_) => {}
+        }
+        ways.push("less delay".to_owned());
+        let stiffness = self.largest_stiffness();
+        if stiffness >= 1.0 {
+            let unit = self.joint_kind.units("N·m/rad");
+            ways.push(format!("K_s up to {stiffness:.0} {unit}"));
+        }
+        let allowed = format!("at least 30 degrees and 6 dB: {}", ways.join(", or "));
         Problem::new(reason, allowed)
     }
 }

@@ -14,6 +14,7 @@ mod lease;
 mod limiter;
 mod plausibility;
 mod robot;
+mod runaway_watch;
 mod signal;
 mod swing_watch;
 
@@ -28,5 +29,6 @@ pub use lease::{Holder, Lease, Verdict};
 pub use limiter::{Braking, Limited, Limiter, Limits, Motion};
 pub use plausibility::{MotorSample, Plausibility, PlausibilityParameters, Sample, Trust};
 pub use robot::{JointCondition, OperatorRequest, Refusal, RobotMachine, Safety};
+pub use runaway_watch::{RunawayParameters, RunawayWatch};
 pub use signal::{Liveness, SignalMonitor, SignalParameters};
 pub use swing_watch::{SwingTorque, SwingWatch, SwingWatchParameters};

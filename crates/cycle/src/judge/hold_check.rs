@@ -1,14 +1,16 @@
 //! Joints whose encoders contradict each other, and that can therefore not be held for ever: their drives
 //! are switched off, and their brakes hold them.
 //!
-//! A drive that takes currents has stopped its joint after a while, without the encoders. One that takes
-//! positions holds its joint as long as both encoders show that it stands ([`supervisor::HoldWatch`]).
+//! A drive that takes currents has stopped its joint after a while, without the encoders, unless its motor pushes the
+//! other way ([`supervisor::RunawayWatch`]). One that takes positions holds its joint as long as both encoders show that it stands ([`supervisor::HoldWatch`]).
 
 use core::f64::consts::PI;
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{JointCommanded, JointMeasured, measured_flags};
-use supervisor::{Held, HoldWatch, HoldWatchParameters, JointCondition};
+use supervisor::{
+    Held, HoldWatch, HoldWatchParameters, JointCondition, RunawayParameters, RunawayWatch,
+};
 
 use crate::emit::has_brake;
 use crate::measure::JointReadiness;
@@ -26,6 +28,11 @@ const AHEAD_S: f64 = 0.02;
 /// code with this project, on which a joint with reversed encoders ran away at the drive's limit (cases of
 /// `rt-tests/second-robot`).
 const PRESSED_S: f64 = 0.01;
+/// Velocity and torque over their limits from which on a joint that is braked and does not become slower runs away, and
+/// for how long, s. Chosen on a simulated arm that shares no code with this project, whose drives took currents, and
+/// whose motor began to push the other way: it went on by 127 degrees.
+const RUNAWAY_SHARE: [f64; 2] = [0.1, 0.1];
+const RUNAWAY_S: f64 = 0.02;
 
 /// What becomes of a joint that cannot be held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,8 +47,12 @@ pub(crate) enum Unheld {
 
 #[derive(Debug, Clone)]
 enum Joint {
-    /// Cycles left until it is left to its brake; none without one.
-    Current(Option<u32>),
+    Current {
+        /// Cycles left until it is left to its brake; none without one.
+        left: Option<u32>,
+        watch: RunawayWatch,
+        torque_per_current: f64,
+    },
     Position {
         watch: HoldWatch,
         torque_per_current: f64,
@@ -60,6 +71,8 @@ impl HoldCheck {
         let cycles = |time: f64| (time / p.timing.sample_period).ceil() as u32;
         let to_brake = cycles(LEFT_TO_BRAKE_S);
         let joint = |joint: &JointParameters| {
+            let torque_per_current =
+                joint.encoders.gear_ratio * joint.estimator.wave_generator.torque_constant;
             if joint.takes_position() {
                 Joint::Position {
                     watch: HoldWatch::new(HoldWatchParameters {
@@ -68,11 +81,19 @@ impl HoldCheck {
                         torque: joint.limits.torque,
                         samples: cycles(PRESSED_S),
                     }),
-                    torque_per_current: joint.encoders.gear_ratio
-                        * joint.estimator.wave_generator.torque_constant,
+                    torque_per_current,
                 }
             } else {
-                Joint::Current(has_brake(joint).then_some(to_brake))
+                let [velocity, torque] = RUNAWAY_SHARE;
+                Joint::Current {
+                    left: has_brake(joint).then_some(to_brake),
+                    watch: RunawayWatch::new(RunawayParameters {
+                        way: velocity * joint.limits.velocity * p.timing.sample_period,
+                        torque: torque * joint.limits.torque,
+                        samples: cycles(RUNAWAY_S),
+                    }),
+                    torque_per_current,
+                }
             }
         };
         Self {
@@ -83,7 +104,10 @@ impl HoldCheck {
 
     /// Joint `j` takes currents, and has a brake.
     pub(crate) fn brakes(&self, j: usize) -> bool {
-        matches!(self.joints.get(j), Some(Joint::Current(Some(_))))
+        matches!(
+            self.joints.get(j),
+            Some(Joint::Current { left: Some(_), .. })
+        )
     }
 
     /// Takes a cycle of joint `j`, which has set-points; `stopped`: a fault is latched.
@@ -96,14 +120,21 @@ impl HoldCheck {
     ) -> Unheld {
         let in_doubt = stopped && condition.distrusted;
         match self.joints.get_mut(j) {
-            Some(Joint::Current(Some(left))) => {
-                *left = if in_doubt {
-                    left.saturating_sub(1)
-                } else {
-                    self.to_brake
-                };
-                if *left == 0 {
+            Some(Joint::Current { left, watch, .. }) if !in_doubt => {
+                *left = left.map(|_| self.to_brake);
+                watch.rest();
+            }
+            Some(Joint::Current {
+                left,
+                watch,
+                torque_per_current,
+            }) => {
+                *left = left.map(|left| left.saturating_sub(1));
+                if *left == Some(0) {
                     return Unheld::ToBrake;
+                }
+                if watch.update(readiness.shown, *torque_per_current * commanded.current_c) {
+                    return Unheld::Away;
                 }
             }
             Some(Joint::Position { watch, .. }) if !in_doubt => watch.rest(),
