@@ -50,7 +50,7 @@ enum Joint {
     Current {
         /// Cycles left until it is left to its brake; none without one.
         left: Option<u32>,
-        watch: RunawayWatch,
+        watch: Box<RunawayWatch>,
         torque_per_current: f64,
     },
     Position {
@@ -87,11 +87,11 @@ impl HoldCheck {
                 let [velocity, torque] = RUNAWAY_SHARE;
                 Joint::Current {
                     left: has_brake(joint).then_some(to_brake),
-                    watch: RunawayWatch::new(RunawayParameters {
+                    watch: Box::new(RunawayWatch::new(RunawayParameters {
                         way: velocity * joint.limits.velocity * p.timing.sample_period,
                         torque: torque * joint.limits.torque,
                         samples: cycles(RUNAWAY_S),
-                    }),
+                    })),
                     torque_per_current,
                 }
             }
