@@ -76,13 +76,36 @@ def by_current(folder, stiffness):
     return path
 
 
-class Robot:
-    """The robot's process."""
+#: Drive's torque constant, Nm/A, and rated current, A.
+CANOPEN = {"hip": (0.1, 6), "knee": (0.09, 6), "ankle": (0.06, 5)}
 
-    def __init__(self, program, folder, rate_hz=RATE_HZ):
+
+def by_canopen(folder):
+    """The configuration with drives that are nodes of CANopen, which no DBC file describes."""
+    words = ('dbc = "frames.dbc"\nsync = "SYNC"\nfd = true\n\n', '[[bus]]\nname = "foot"')
+    path = configuration(folder, {"".join(words): "\n" + words[1]})
+    text = path.read_text()
+    for node, (joint, (constant, current)) in enumerate(CANOPEN.items(), 1):
+        text = text.replace(
+            f'command = "position"\n[drive.{joint}.state]\n',
+            f'command = "position"\nprofile = "cia402"\n[drive.{joint}.canopen]\nposition = "motor"\n'
+            f'other_angle = "2240:00"\nrated_current_A = {current}.0\nrated_torque_Nm = {constant * current:.2f}\n'
+            f"[drive.{joint}.state]\n",
+        )
+        signals = rf'motor_angle = {{ signal = "{joint.upper()}\..*\n(?:.*signal.*\n)*'
+        text, count = re.subn(signals, f"node = {node}\n", text)
+        assert count == 1, joint
+    path.write_text(text)
+    return path
+
+
+class Robot:
+    """The robot's process; `options`: further arguments of it."""
+
+    def __init__(self, program, folder, rate_hz=RATE_HZ, options=()):
         self.log = folder / "truth.bin"
         self._process = subprocess.Popen(
-            [program, str(rate_hz), self.log],
+            [program, str(rate_hz), self.log, *options],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
         )  # fmt: skip
         assert self._process.stdout.readline() == "ready\n"
@@ -207,7 +230,7 @@ class Leg:
     def __init__(self, program, folder, configure=configuration, faults=(), rate_hz=RATE_HZ, options=()):
         """`configure` writes the configuration into a folder; its path. `options`: of torqued run."""
         folder.mkdir()
-        self.robot = Robot(program, folder, rate_hz)
+        self.robot = Robot(program, folder, rate_hz, ["canopen"] if configure is by_canopen else [])
         self.robot.set(*faults)
         self._mark = 0
         self.mover = None

@@ -24,10 +24,10 @@ from torqued import RobotState
 ATTEMPTS = 6
 
 
-def attempt(program, folder, case):
-    """One run of a case."""
+def attempt(program, folder, case, configure=None):
+    """One run of a case; `configure`: another configuration than the case's."""
     power_on = case.mode == "power-on"
-    configure = functools.partial(configuration, changes=case.changes)
+    configure = configure or functools.partial(configuration, changes=case.changes)
     with Leg(program, folder, configure, case.faults if power_on else ()) as leg:
         if power_on:
             mark, events = leg.mark(), 0

@@ -14,6 +14,7 @@
 struct drive drive[JOINTS];
 struct joint_faults fault[JOINTS];
 struct robot_faults robot_fault;
+int drives_have_time_out = 1;
 
 static int has_torque(const struct drive *d) {
     return d->powered && (d->state == ENABLED || d->state == QUICK_STOP);
@@ -90,6 +91,17 @@ void drive_current(int j, double current) {
     drive[j].next_current = current;
 }
 
+void drive_counts(int j, long counts) { drive_target(j, counts * 2 * M_PI / (MOTOR_COUNTS * SHEET[j].ratio)); }
+
+void drive_quick_stop(int j) {
+    if (drive[j].state == ENABLED) enter(&drive[j], QUICK_STOP, 0);
+}
+
+void drive_reset(int j) {
+    enter(&drive[j], DISABLED, 0);
+    drive[j].last_control = 0;
+}
+
 int drive_status(int j) {
     static const int WORD[] = {0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x08};
     const struct drive *d = &drive[j];
@@ -160,7 +172,7 @@ static void watch(int j, double h) {
     d->silence += h;
     d->enabled_for += h;
     int heard = d->enabled_for >= 0.2;
-    if (d->powered && d->state == ENABLED && heard && d->silence > TIME_OUT && !f->no_time_out) enter(d, FAILED, 5);
+    if (d->powered && d->state == ENABLED && heard && d->silence > TIME_OUT && drives_have_time_out && !f->no_time_out) enter(d, FAILED, 5);
     double way = has_torque(d) ? h / BRAKE_OPENS : -h / BRAKE_SHUTS;
     d->brake = fmax(0, fmin(1, d->brake + way));
 }

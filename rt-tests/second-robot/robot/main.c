@@ -1,6 +1,6 @@
 /* The robot in real time: SYNC advances it by one period, and it answers. Without SYNC time goes on.
  *
- *   robot RATE_HZ LOG    faults come on standard input, one a line: NAME JOINT VALUE; JOINT "all" of all joints,
+ *   robot RATE_HZ LOG [canopen]    drives are nodes of CANopen, or share one frame; faults come on standard input, one a line: NAME JOINT VALUE; JOINT "all" of all joints,
  *                        "-" of the robot. "mark - N" is shown in the log from the next period on, "clear - 0" ends
  *                        all faults, "mend - 0" restores lost zeros, "flush - 0" writes the log and answers "flushed".
  *
@@ -23,8 +23,6 @@
 #include <unistd.h>
 
 #define STEP 1e-4
-#define LINK_COUNTS 1048576.0 /* a turn */
-#define MOTOR_COUNTS 8192.0
 enum {
     ID_SYNC = 0x80,
     ID_CONTROL = 0x210,
@@ -39,8 +37,8 @@ static double link_drift[JOINTS], link_stuck_at[JOINTS], ft_drift[6];
 static FILE *log_file;
 static volatile sig_atomic_t over;
 /* Answers that are held back. */
-static struct late { double due; int id; uint8_t data[12]; } late[256];
-static int late_count, echoes[BUSES];
+static struct late { double due; int id, length; uint8_t data[12]; } late[256];
+static int late_count, echoes[BUSES], by_canopen;
 
 static double now(void) {
     struct timespec t;
@@ -85,39 +83,49 @@ static void advance(double stamp) {
     for (int j = 0; j < JOINTS; j++) link_drift[j] += fault[j].link_rate * period;
     const double *rate = &robot_fault.ft_fx_rate;
     for (int i = 0; i < 6; i++) ft_drift[i] += rate[i] * period;
-    record(stamp);
+    if (by_canopen) canopen_advance(period);
+    if (stamp > 0) record(stamp);
 }
 
 /* Which joint answers as joint j: the plugs of hip and ankle may be exchanged. */
 static int plugged(int j) { return robot_fault.plugs && j != KNEE ? HIP + ANKLE - j : j; }
 
-static void answer_joint(int j) {
+struct reading read_joint(int j) {
     struct drive *d = &drive[j];
     struct joint_faults *f = &fault[j];
     double q = body.q[j] + f->link_offset + link_drift[j];
     if (f->link_negative) q = -q;
     if (f->link_stuck) q = link_stuck_at[j]; else link_stuck_at[j] = q;
-    double current = (f->current_negative ? -1 : 1) * d->current + SHEET[j].noise * gauss();
-    int status = drive_status(j);
-    if (f->status_once) {
-        status = (int)f->status_once;
-        f->status_once = 0;
-    }
-    uint8_t data[12], *p = data;
-    p = put(p, lround(q / (2 * M_PI) * LINK_COUNTS + 0.7 * gauss()), 4);
-    p = put(p, lround(d->shown * SHEET[j].ratio / (2 * M_PI) * MOTOR_COUNTS + 0.3 * gauss()), 4);
-    p = put(p, lround(current * 1000), 2);
-    put(p, status, 2);
-    if (f->mute || !d->powered) return;
-    int id = ID_STATE + plugged(j);
+    struct reading r = {
+        .link = lround(q / (2 * M_PI) * LINK_COUNTS + 0.7 * gauss()),
+        .motor = lround(d->shown * SHEET[j].ratio / (2 * M_PI) * MOTOR_COUNTS + 0.3 * gauss()),
+        .current = (f->current_negative ? -1 : 1) * d->current + SHEET[j].noise * gauss(),
+        .status = f->status_once ? (int)f->status_once : drive_status(j),
+    };
+    f->status_once = 0;
+    return r;
+}
+
+void node_send(int j, int id, const uint8_t *data, int length) {
+    struct joint_faults *f = &fault[j];
+    if (f->mute || !drive[j].powered) return;
     if (f->late_us > 0 && late_count < 256) {
         struct late *l = &late[late_count++];
-        l->due = now() + f->late_us * uniform() * 1e-6;
-        l->id = id;
-        memcpy(l->data, data, sizeof data);
+        *l = (struct late){.due = now() + f->late_us * uniform() * 1e-6, .id = id, .length = length};
+        memcpy(l->data, data, length);
     } else {
-        bus_send(0, id, data, sizeof data);
+        bus_send(0, id, data, length);
     }
+}
+
+static void answer_joint(int j) {
+    struct reading r = read_joint(j);
+    uint8_t data[12], *p = data;
+    p = put(p, r.link, 4);
+    p = put(p, r.motor, 4);
+    p = put(p, lround(r.current * 1000), 2);
+    put(p, r.status, 2);
+    node_send(j, ID_STATE + plugged(j), data, sizeof data);
 }
 
 static void answer_wrench(void) {
@@ -142,7 +150,8 @@ static void on_sync(int bus, double stamp) {
         last_stamp = stamp;
         for (long i = 0; i < periods; i++) advance(stamp);
         if (periods > 0) last = last ? last + periods * period + 0.2 * (stamp - last - periods * period) : stamp;
-        for (int j = 0; j < JOINTS; j++) answer_joint(j);
+        if (by_canopen) canopen_sync();
+        else for (int j = 0; j < JOINTS; j++) answer_joint(j);
         for (int i = 0; i < (int)robot_fault.foreign; i++) bus_send(0, 0x700 + i % 64, (uint8_t[4]){0}, 4);
     } else {
         answer_wrench();
@@ -160,6 +169,10 @@ static void on_frame(int bus, const uint8_t *datagram, int length, double stamp)
     if (id == ID_SYNC && echoes[bus] > 0) echoes[bus]--; /* its own, which comes back */
     else if (id == ID_SYNC) on_sync(bus, stamp);
     if (bus != 0) return;
+    if (by_canopen) {
+        canopen_frame(id, data, n);
+        return;
+    }
     for (int k = 0; k < JOINTS; k++) {
         int j = plugged(k);
         if (id == ID_CONTROL && n == 2 * JOINTS) drive_control(j, take(data + 2 * k, 2));
@@ -255,7 +268,7 @@ static void send_late(void) {
     double t = now();
     for (int i = 0; i < late_count;) {
         if (late[i].due > t) { i++; continue; }
-        bus_send(0, late[i].id, late[i].data, sizeof late[i].data);
+        bus_send(0, late[i].id, late[i].data, late[i].length);
         late[i] = late[--late_count];
     }
 }
@@ -263,7 +276,8 @@ static void send_late(void) {
 static void end(int number) { (void)number; over = 1; }
 
 int main(int count, char **arguments) {
-    if (count != 3) return 2;
+    by_canopen = count == 4 && !strcmp(arguments[3], "canopen");
+    if (count != 3 && !by_canopen) return 2;
     period = 1 / atof(arguments[1]);
     log_file = fopen(arguments[2], "wb");
     if (!log_file) { perror(arguments[2]); return 1; }
@@ -272,6 +286,9 @@ int main(int count, char **arguments) {
     bus_open();
     drives_start();
     for (int i = 0; i < 5000; i++) drives_step(STEP); /* the gears bear the weight, brakes are shut */
+    drives_have_time_out = !by_canopen;
+    if (by_canopen) canopen_start();
+    if (by_canopen) last = now(); /* nodes are set up before the first SYNC */
     mlockall(MCL_CURRENT);
     struct sched_param priority = {.sched_priority = 70};
     sched_setscheduler(0, SCHED_FIFO, &priority); /* where it may */

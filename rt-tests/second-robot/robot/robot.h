@@ -7,6 +7,9 @@
 
 enum { HIP, KNEE, ANKLE, JOINTS };
 
+#define LINK_COUNTS 1048576.0 /* a turn */
+#define MOTOR_COUNTS 8192.0
+
 /* Data sheet of one joint. */
 struct sheet {
     const char *name;
@@ -82,6 +85,10 @@ void drive_control(int j, int word);
 void drive_target(int j, double target);
 void drive_current(int j, double current);
 int drive_status(int j);
+void drive_quick_stop(int j);
+void drive_reset(int j);          /* off, whatever it hears */
+void drive_counts(int j, long counts); /* set-point in counts of the motor encoder */
+extern int drives_have_time_out;  /* for set-points */
 
 /* Frames (bus.c). Answers to a SYNC leave as datagrams of python-can. */
 enum { BUSES = 2 };
@@ -90,6 +97,18 @@ int bus_socket(int bus);
 void bus_send(int bus, int id, const uint8_t *data, int length);
 /* Parses a datagram; its identifier or -1, its data and their length. */
 int bus_parse(const uint8_t *datagram, int length, const uint8_t **data, int *data_length);
+
+/* What encoders, current sensor and drive of a joint show, faults included (main.c). */
+struct reading { long link, motor; double current; int status; };
+struct reading read_joint(int j);
+/* A frame of one drive leaves, if it has power and is not mute. */
+void node_send(int j, int id, const uint8_t *data, int length);
+
+/* Nodes of CANopen in place of the frames of bus 0 (canopen.c) */
+void canopen_start(void);
+void canopen_frame(int id, const uint8_t *data, int length);
+void canopen_sync(void);
+void canopen_advance(double h);
 
 double gauss(void);
 #endif
