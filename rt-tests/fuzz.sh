@@ -41,7 +41,7 @@ coverage=(-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4
     -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table
     -Cllvm-args=-sanitizer-coverage-trace-compares
     --cfg=fuzzing -Cdebug-assertions)
-# A quarter of the time to build, for slower programs whose corpora hold what was found before.
+# Half the time to build, for somewhat slower programs, whose corpora hold what was found before.
 export CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_DEBUG=none
 host=$(rustc -vV | sed -n 's/^host: //p')
 

@@ -174,6 +174,18 @@ def begin_motion(page, awaited):
     raise AssertionError(text)
 
 
+def see_motion(page):
+    """Begins a motion until the page shows it: the command may be lost after it has begun, too."""
+    for attempt in range(5):
+        begin_motion(page, "moving …")
+        try:
+            expect(state(page)).to_have_text("active", timeout=3_000)
+            return
+        except AssertionError:
+            if attempt == 4:
+                raise
+
+
 def test_with_control_the_page_moves_stops_and_acknowledges(page, run_dir):
     with daemon(LEG, "--simulate"), view("--config", LEG, "--control") as shown:
         page.goto(shown.address)
@@ -192,8 +204,7 @@ def test_with_control_the_page_moves_stops_and_acknowledges(page, run_dir):
         # Stopped on its way, by the key.
         page.fill("#targets", "knee=90")
         page.fill("#speed", "5")
-        begin_motion(page, "moving …")
-        expect(state(page)).to_have_text("active")
+        see_motion(page)
         page.locator("#title").click()
         page.keyboard.press("s")
         expect(state(page)).to_have_text("holding")

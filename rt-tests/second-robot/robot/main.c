@@ -1,8 +1,10 @@
 /* The robot in real time: SYNC advances it by one period, and it answers. Without SYNC time goes on.
  *
- *   robot RATE_HZ LOG [canopen]    drives are nodes of CANopen, or share one frame; faults come on standard input, one a line: NAME JOINT VALUE; JOINT "all" of all joints,
- *                        "-" of the robot. "mark - N" is shown in the log from the next period on, "clear - 0" ends
- *                        all faults, "mend - 0" restores lost zeros, "flush - 0" writes the log and answers "flushed".
+ *   robot RATE_HZ LOG [canopen]    its drives share one frame, or are nodes of CANopen.
+ *
+ * Faults come on standard input, one a line: NAME JOINT VALUE; JOINT "all" of all joints, "-" of the robot. "mark - N"
+ * is shown in the log from the next period on, "clear - 0" ends all faults, "mend - 0" restores lost zeros, "flush - 0"
+ * writes the log and answers "flushed".
  *
  * LOG: of each period float64 values: stamp of the newest SYNC (monotonic, s), time from it until the answers were sent,
  * mark; then per joint q, fastest dq, motor angle, torque of the gear, set-point, state, current. */
