@@ -13,7 +13,7 @@
 use can_codec::{Frame, Frames, Table};
 use robot_config::{JointParameters, Plan, Robot, slots};
 use robot_state::{DriveState, Event, JointMeasured, MeasuredRecord, measured_flags};
-use supervisor::{Drive, DriveProfile};
+use supervisor::{Drive, DriveGoal, DriveProfile};
 
 use crate::decide::Supervisor;
 use crate::events::Counts;
@@ -148,11 +148,14 @@ impl Emit {
                 tx.push(frame);
             }
         }
-        for (joint, measured) in self.joints.iter().zip(&measured.joints) {
-            // A drive that says nothing may be starting anew already.
+        let drives = supervisor.drives().iter().zip(&measured.joints);
+        for (joint, (drive, measured)) in self.joints.iter().zip(drives) {
             let beyond = joint.deaf.checked_sub(self.deaf_limit + 1);
             let due = beyond.is_some_and(|cycles| cycles.is_multiple_of(RESET_REPEAT));
-            if let Some(reset) = joint.reset.filter(|_| due && status(measured).is_some()) {
+            let to_be_off = matches!(drive.goal(), DriveGoal::Off | DriveGoal::Stopped);
+            // One without a status in this cycle may be starting anew already.
+            let due = due && to_be_off && status(measured).is_some();
+            if let Some(reset) = joint.reset.filter(|_| due) {
                 tx.push(reset);
             }
         }

@@ -1,7 +1,7 @@
 //! Whether a joint that is to be brought to rest goes the faster the more its torque brakes it.
 //!
 //! A motor whose commutation is lost by half a turn makes the opposite torque of the one that its current shows. Its
-//! drive follows every set-point, so that no current tells; both encoders do, and so does what was sent.
+//! drive follows every set-point, so that the current is as it should be. Both encoders show the motion.
 
 use crate::in_a_row::count_in_a_row;
 

@@ -2,7 +2,8 @@
 //! are switched off, and their brakes hold them.
 //!
 //! A drive that takes currents has stopped its joint after a while, without the encoders, unless its motor pushes the
-//! other way ([`supervisor::RunawayWatch`]). One that takes positions holds its joint as long as both encoders show that it stands ([`supervisor::HoldWatch`]).
+//! other way ([`supervisor::RunawayWatch`]). One that takes positions holds its joint as long as both encoders show that
+//! it stands ([`supervisor::HoldWatch`]).
 
 use core::f64::consts::PI;
 
