@@ -25,12 +25,14 @@ pub struct MotorSample {
     pub warned: bool,
 }
 
-/// Whether both encoders show what they did at `centre`, but for noise of these ways.
-fn stands_at(sample: &MotorSample, centre: [f64; 2], still: [f64; 2]) -> bool {
-    let ways = [sample.theta - centre[0], sample.q - centre[1]];
-    ways.iter()
-        .zip(still)
-        .all(|(way, still)| way.abs() <= still)
+impl MotorSample {
+    /// Whether both encoders show what they did before, but for their noise.
+    fn stands_at(&self, from: &Self, still: [f64; 2]) -> bool {
+        let ways = [self.theta - from.theta, self.q - from.q];
+        ways.iter()
+            .zip(still)
+            .all(|(way, still)| way.abs() <= still)
+    }
 }
 
 /// Velocity from which on friction is known to oppose the motion that ended, rad/s. Chosen; no experiment recorded.
@@ -49,11 +51,11 @@ const CERTAIN: f64 = 3.0;
 /// velocity limit, moves by 2.0 degrees where each counts once, and by 1.1 so.
 const MOST: f64 = 3.0;
 
-/// Samples over whose mean a standstill is centred, and ways that hide noise by which one sample may be off it. Chosen on
-/// a simulated leg that shares no code with this project, all of whose encoders froze at a turn: where the first sample was
-/// the centre, and one way was all, noise began the standstill anew under full torque. Then a joint was not found in 4 of
-/// 30 runs, and moved by 80 degrees.
-const CENTRED: u32 = 8;
+/// Samples whose mean a standstill goes on from where noise leaves the first one, and ways that hide noise by which one
+/// sample may be off. Chosen on a simulated leg that shares no code with this project, all of whose encoders froze at a
+/// turn: without them noise began the standstill anew under full torque. In 4 of 30 runs a joint was not found, and moved
+/// by 80 degrees.
+const FIRST: u32 = 8;
 const STRAYS: f64 = 2.0;
 
 /// No sample yet with a torque that would move the motor.
@@ -72,8 +74,8 @@ const STOPS: f64 = 0.1;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Standstill {
     from: MotorSample,
-    /// theta and q where it stands, rad: the mean of its first samples.
-    centre: [f64; 2],
+    /// Mean of angles and torque of its first samples.
+    mean: MotorSample,
     /// Whether the motor moved too fast before to stand all at once.
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
@@ -101,7 +103,11 @@ impl Standstill {
         p: &PlausibilityParameters,
     ) -> Self {
         match last {
-            Some(last) if stands_at(&sample, last.centre, p.still) => last.goes_on(&sample, p),
+            Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
+            Some(last) if sample.stands_at(&last.mean, p.still) => {
+                let from = last.mean;
+                Self { from, ..last }.goes_on(&sample, p)
+            }
             Some(last) if last.may_be_noise(&sample, p) => Self {
                 strayed: true,
                 stood: last.stood.saturating_add(1),
@@ -113,7 +119,7 @@ impl Standstill {
                 let samples = moving.map_or(1, |last| last.stood.saturating_add(1));
                 Self {
                     from: sample,
-                    centre: [sample.theta, sample.q],
+                    mean: sample,
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
                     strayed: false,
@@ -130,26 +136,28 @@ impl Standstill {
     /// Whether a sample off its place is so by noise: then the next one is not.
     fn may_be_noise(&self, sample: &MotorSample, p: &PlausibilityParameters) -> bool {
         let ways = p.still.map(|way| STRAYS * way);
-        !self.strayed && stands_at(sample, self.centre, ways)
+        !self.strayed && sample.stands_at(&self.from, ways)
     }
 
     /// The same, but how fast it moved before is not known.
     pub(super) fn without_velocity(mut self) -> Self {
-        (self.from.velocity, self.halted, self.certain) = (0.0, false, false);
+        (self.from.velocity, self.mean.velocity) = (0.0, 0.0);
+        (self.halted, self.certain) = (false, false);
         self
     }
 
     fn goes_on(mut self, sample: &MotorSample, p: &PlausibilityParameters) -> Self {
         self.stood = self.stood.saturating_add(1);
         self.strayed = false;
-        if self.stood < CENTRED {
+        if self.stood < FIRST {
             let share = 1.0 / f64::from(self.stood + 1);
-            let ways = [sample.theta - self.centre[0], sample.q - self.centre[1]];
-            self.centre = [0, 1].map(|i| self.centre[i] + share * ways[i]);
+            self.mean.theta += share * (sample.theta - self.mean.theta);
+            self.mean.q += share * (sample.q - self.mean.q);
+            self.mean.torque += share * (sample.torque - self.mean.torque);
         }
         let takes_over = sample.driven && !self.from.driven;
         if count_in_a_row(&mut self.taken_over, takes_over) >= p.samples_to_trust {
-            self.from = *sample;
+            (self.from, self.mean) = (*sample, *sample);
         }
         let change = sample.torque - self.from.torque;
         let moved = self.from.velocity.abs() > SLIDES;
