@@ -133,10 +133,10 @@ impl Standstill {
         }
     }
 
-    /// Whether a sample off its place is so by noise: then the next one is not.
+    /// Whether a sample off the place where it has stood for a while is so by noise: then the next one is not.
     fn may_be_noise(&self, sample: &MotorSample, p: &PlausibilityParameters) -> bool {
         let ways = p.still.map(|way| STRAYS * way);
-        !self.strayed && sample.stands_at(&self.from, ways)
+        self.stood >= FIRST && !self.strayed && sample.stands_at(&self.from, ways)
     }
 
     /// The same, but how fast it moved before is not known.
