@@ -51,12 +51,10 @@ const CERTAIN: f64 = 3.0;
 /// velocity limit, moves by 2.0 degrees where each counts once, and by 1.1 so.
 const MOST: f64 = 3.0;
 
-/// Samples whose mean a standstill goes on from where noise leaves the first one, and ways that hide noise by which one
-/// sample may be off. Chosen on a simulated leg that shares no code with this project, all of whose encoders froze at a
-/// turn: without them noise began the standstill anew under full torque. In 4 of 30 runs a joint was not found, and moved
-/// by 80 degrees.
+/// Samples whose mean a standstill goes on from where noise leaves the first one. Chosen on a simulated leg that shares no
+/// code with this project, all of whose encoders froze at a turn: without it noise began the standstill anew under full
+/// torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees.
 const FIRST: u32 = 8;
-const STRAYS: f64 = 2.0;
 
 /// No sample yet with a torque that would move the motor.
 const NOT_PUSHED: (u32, f64) = (0, 0.0);
@@ -80,8 +78,6 @@ pub(super) struct Standstill {
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
-    /// Whether the last sample was beyond what stands, which noise does once and motion again.
-    strayed: bool,
     /// Samples in a row with a torque that would move it, or since it halted; a greater torque counts several times.
     pressed: u32,
     /// Samples in a row with such a torque, and the sum of what it is beyond the one that holds, N·m.
@@ -108,11 +104,6 @@ impl Standstill {
                 let from = last.mean;
                 Self { from, ..last }.goes_on(&sample, p)
             }
-            Some(last) if last.may_be_noise(&sample, p) => Self {
-                strayed: true,
-                stood: last.stood.saturating_add(1),
-                ..last
-            },
             last => {
                 let moving = last.filter(|last| in_a_row && last.pressed == 0);
                 let way = moving.map_or(0.0, |last| (sample.theta - last.from.theta).abs());
@@ -122,7 +113,6 @@ impl Standstill {
                     mean: sample,
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
-                    strayed: false,
                     pressed: 0,
                     pushed: NOT_PUSHED,
                     stood: 0,
@@ -131,12 +121,6 @@ impl Standstill {
                 }
             }
         }
-    }
-
-    /// Whether a sample off the place where it has stood for a while is so by noise: then the next one is not.
-    fn may_be_noise(&self, sample: &MotorSample, p: &PlausibilityParameters) -> bool {
-        let ways = p.still.map(|way| STRAYS * way);
-        self.stood >= FIRST && !self.strayed && sample.stands_at(&self.from, ways)
     }
 
     /// The same, but how fast it moved before is not known.
@@ -148,7 +132,6 @@ impl Standstill {
 
     fn goes_on(mut self, sample: &MotorSample, p: &PlausibilityParameters) -> Self {
         self.stood = self.stood.saturating_add(1);
-        self.strayed = false;
         if self.stood < FIRST {
             let share = 1.0 / f64::from(self.stood + 1);
             self.mean.theta += share * (sample.theta - self.mean.theta);

@@ -269,7 +269,6 @@ fn noise_does_not_begin_a_standstill_anew_and_a_slow_motion_does() {
     let frozen = |k: usize| match k {
         0 => -2.4,
         10 | 11 => 1.2,
-        50 => 5.0,
         _ => [0.5, 0.0, -0.5][k % 3],
     };
     let frozen = found(&frozen);
