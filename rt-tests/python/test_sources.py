@@ -45,18 +45,3 @@ def test_a_file_without_a_mod_is_found():
     assert is_root(tests / "real_time.rs")
     assert not is_root(tests / "no_such_test.rs") and not is_named(tests / "no_such_test.rs")
     assert is_named(tests / "modes.rs")
-
-
-def examples(text):
-    """Lines of a source with which a code block of its documentation begins that rustdoc would run."""
-    fences = re.finditer(r"^ *//[/!] ```(\w*)", text, flags=re.M)
-    return [fence[0].strip() for index, fence in enumerate(fences) if index % 2 == 0 and fence[1] in ("", "rust", "no_run")]
-
-
-def test_examples_of_the_documentation_are_run():
-    """Packages with none of them are not searched for any (`doctest = false`), which takes a minute."""
-    for file in FILES:
-        package = next(folder for folder in file.parents if (folder / "Cargo.toml").exists()) / "Cargo.toml"
-        if "doctest = false" in package.read_text():
-            assert examples(file.read_text()) == [], file
-    assert examples((ROOT / "client" / "src" / "lib.rs").read_text()) == ["//! ```no_run"]

@@ -109,7 +109,7 @@ pub enum Trust {
     Implausible,
 }
 
-/// Samples after a gap for which a standstill is not judged by velocities: these come from windows of 16 samples, half of which
+/// Samples after a gap for which a standstill is not judged: velocities come from windows of 16 samples, half of which
 /// they are late, and a drive has come to rest after as many.
 const GAP_SAMPLES: u32 = 32;
 
@@ -125,7 +125,7 @@ pub struct Plausibility {
     standstill: Option<Standstill>,
     /// The last sample was that of the cycle before.
     in_a_row: bool,
-    /// Samples whose velocity does not count, as it is still that of before a gap.
+    /// Samples that a standstill is not judged by, as velocities are still those of before a gap.
     unjudged: u32,
     /// The courses of torsion and motor-side angle before readings that jumped, and how many did.
     jumped: Option<([Course; 2], u32)>,
@@ -212,16 +212,11 @@ impl Plausibility {
 
     /// Takes the motor's state by a sample: one that cannot stand still where it shows no motion counts like a slip
     /// ([`Standstill`]).
-    pub fn watch_motor(&mut self, mut sample: MotorSample) {
+    pub fn watch_motor(&mut self, sample: MotorSample) {
         let judged = self.unjudged == 0;
         self.unjudged = self.unjudged.saturating_sub(1);
-        if !judged {
-            // The torque that it bears still counts.
-            self.standstill = self.standstill.map(Standstill::without_velocity);
-            sample.velocity = 0.0;
-        }
-        let in_a_row = self.in_a_row && judged;
-        let now = Standstill::after(self.standstill, in_a_row, sample, &self.parameters);
+        let (last, in_a_row) = (self.standstill.filter(|_| judged), self.in_a_row && judged);
+        let now = Standstill::after(last, in_a_row, sample, &self.parameters);
         (self.standstill, self.in_a_row) = (Some(now), true);
         if !now.is_impossible(&self.parameters) {
             return;

@@ -51,9 +51,10 @@ const CERTAIN: f64 = 3.0;
 /// velocity limit, moves by 2.0 degrees where each counts once, and by 1.1 so.
 const MOST: f64 = 3.0;
 
-/// Samples whose mean a standstill goes on from where noise leaves the first one. Chosen on a simulated leg that shares no
-/// code with this project, all of whose encoders froze at a turn: without it noise began the standstill anew under full
-/// torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees.
+/// Samples whose mean a standstill of two encoders goes on from where noise leaves the first one. Chosen on a simulated
+/// leg that shares no code with this project, all of whose encoders froze at a turn: without it noise began the standstill
+/// anew under full torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees. Only the torque that winds the
+/// gear up is judged from there, as a sound joint that turns round stays near both places for longer than near one.
 const FIRST: u32 = 8;
 
 /// No sample yet with a torque that would move the motor.
@@ -100,9 +101,15 @@ impl Standstill {
     ) -> Self {
         match last {
             Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
-            Some(last) if sample.stands_at(&last.mean, p.still) => {
-                let from = last.mean;
-                Self { from, ..last }.goes_on(&sample, p)
+            Some(last) if p.torsion_shows.is_finite() && sample.stands_at(&last.mean, p.still) => {
+                let (from, halted, certain) = (last.mean, false, false);
+                let on = Self {
+                    from,
+                    halted,
+                    certain,
+                    ..last
+                };
+                on.goes_on(&sample, p)
             }
             last => {
                 let moving = last.filter(|last| in_a_row && last.pressed == 0);
@@ -110,7 +117,10 @@ impl Standstill {
                 let samples = moving.map_or(1, |last| last.stood.saturating_add(1));
                 Self {
                     from: sample,
-                    mean: sample,
+                    mean: MotorSample {
+                        velocity: 0.0,
+                        ..sample
+                    },
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
                     pressed: 0,
@@ -121,13 +131,6 @@ impl Standstill {
                 }
             }
         }
-    }
-
-    /// The same, but how fast it moved before is not known.
-    pub(super) fn without_velocity(mut self) -> Self {
-        (self.from.velocity, self.mean.velocity) = (0.0, 0.0);
-        (self.halted, self.certain) = (false, false);
-        self
     }
 
     fn goes_on(mut self, sample: &MotorSample, p: &PlausibilityParameters) -> Self {
