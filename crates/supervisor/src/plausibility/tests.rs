@@ -264,6 +264,53 @@ fn noise_does_not_begin_a_standstill_anew_and_a_slow_motion_does() {
     assert_eq!(found(&|k| 0.8 * k as f64), None);
 }
 
+/// The loop pauses while the torque of a frozen joint rises; afterwards its drive holds with 100 N·m. Neither is that, nor
+/// noise of a few counts, forgotten once something else speaks against the joint.
+#[test]
+fn a_standstill_begun_before_a_pause_shows_once_something_else_speaks_against_the_joint() {
+    let count = 6e-6;
+    let found = |against: &dyn Fn(&mut Plausibility, usize) -> bool, frozen: bool| {
+        let mut joint = Plausibility::new(PlausibilityParameters {
+            holds_itself: true,
+            torsion_shows: 20.0,
+            still: [3.5 * count; 2],
+            ..PARAMETERS
+        });
+        for _ in 0..20 {
+            joint.update(wound(0.0));
+        }
+        let moved = |k: usize| if frozen { 0 } else { k };
+        (0..300).position(|k| {
+            if k == 4 {
+                joint.note_gap();
+            }
+            let warned = against(&mut joint, k);
+            let noise = if k % 20 == 0 { 4.5 } else { 0.0 };
+            joint.watch_motor(MotorSample {
+                theta: 1.0,
+                q: count * (noise + moved(k) as f64),
+                velocity: 0.0,
+                torque: 10.0 * k.min(10) as f64,
+                driven: true,
+                warned,
+            });
+            joint.is_blind()
+        })
+    };
+    let another_joint = |_: &mut Plausibility, k: usize| k >= 100;
+    let another_witness = |joint: &mut Plausibility, k: usize| {
+        if k >= 100 {
+            joint.distrust();
+        }
+        false
+    };
+    assert_eq!(found(&|_, _| false, true), None);
+    assert_eq!(found(&another_joint, true), Some(100));
+    assert_eq!(found(&another_witness, true), Some(100));
+    assert_eq!(found(&another_joint, false), None);
+    assert_eq!(found(&another_witness, false), None);
+}
+
 #[test]
 fn a_missed_sample_changes_nothing_and_nan_is_bad() {
     let mut joint = Plausibility::new(PARAMETERS);
