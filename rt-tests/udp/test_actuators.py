@@ -67,6 +67,8 @@ def test_from_power_on_to_holding(robot):
         assert all(actuator.enabled for actuator in actuators)
         report = process.terminate()
     assert report["fault"] == 0
+    # Whatever an actuator answers, it is known.
+    assert "frame_unknown_id" not in report["events"]
     for actuator, start in zip(actuators, starts):
         assert not actuator.enabled and "enable" in actuator.words and actuator.words[-1] == "disable"
         # Nothing but questions and physical zero before it was enabled.

@@ -25,11 +25,9 @@ impl Translation {
         self.translator.reports()
     }
 
-    /// Turns an actuator's frame into its message of state.
-    pub(super) fn arrived(translation: &mut Option<Self>, frame: &mut Frame) {
-        if let Some(this) = translation {
-            this.translator.receive(frame);
-        }
+    /// Turns an actuator's frame into its message of state; whether the loop is to have the frame.
+    pub(super) fn arrived(translation: &mut Option<Self>, frame: &mut Frame) -> bool {
+        (translation.as_mut()).is_none_or(|this| this.translator.receive(frame))
     }
 
     /// What leaves on the buses for the loop's frames.

@@ -250,8 +250,9 @@ impl Sockets for UdpMulticast {
             let first = heads.min_by_key(|group| group.head.map(|(_, real_ns)| real_ns));
             if let Some((mut frame, real_ns)) = first.and_then(|group| group.head.take()) {
                 frame.stamp_ns = self.clock.stamp(real_ns);
-                Translation::arrived(&mut self.translation, &mut frame);
-                deliver(frame, rx, gather, table, &mut self.counters);
+                if Translation::arrived(&mut self.translation, &mut frame) {
+                    deliver(frame, rx, gather, table, &mut self.counters);
+                }
             }
         }
         true

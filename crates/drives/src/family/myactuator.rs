@@ -72,6 +72,8 @@ impl Family for Myactuator {
             master: 0,
         };
         let told = self.feedback(at, &MODELS[0], frame)?;
+        // Of those that are always in an answer of status.
+        told.voltage?;
         Some(Identity::of(node, &told))
     }
 
@@ -125,8 +127,12 @@ impl Family for Myactuator {
                 ..Feedback::default()
             });
         }
-        if frame.id != OTHER_ANSWER + node || data[0] != STATUS {
+        if frame.id != OTHER_ANSWER + node {
             return None;
+        }
+        if data[0] != STATUS {
+            // Each of the other frames is answered.
+            return Some(Feedback::default());
         }
         let error = u32::from(u16::from_le_bytes([data[6], data[7]]));
         Some(Feedback {

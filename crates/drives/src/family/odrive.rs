@@ -15,6 +15,7 @@ use core::ops::RangeInclusive;
 pub struct Odrive;
 
 const HEARTBEAT: u32 = 0x01;
+const ERRORS: u32 = 0x03;
 const SET_STATE: u32 = 0x07;
 const ESTIMATES: u32 = 0x09;
 const SET_MODE: u32 = 0x0B;
@@ -23,6 +24,8 @@ const CURRENTS: u32 = 0x14;
 const TEMPERATURES: u32 = 0x15;
 const SUPPLY: u32 = 0x17;
 const CLEAR: u32 = 0x18;
+const TORQUES: u32 = 0x1C;
+const POWERS: u32 = 0x1D;
 const SET_POSITION_GAIN: u32 = 0x1A;
 const SET_VELOCITY_GAINS: u32 = 0x1B;
 /// States of an axis.
@@ -232,6 +235,8 @@ impl Family for Odrive {
                 voltage: Some(voltage),
                 ..Feedback::default()
             }),
+            // They may be sent by themselves as well, and bring nothing that is not known.
+            ERRORS | TORQUES | POWERS => Some(Feedback::default()),
             _ => None,
         }
     }

@@ -7,7 +7,7 @@ mod reports;
 
 use super::{Address, FAMILIES, Family, Model};
 use can_codec::{Coding, Dbc, EXTENDED_ID, Frame, Frames, Message, Signal};
-use live::Live;
+use live::{Live, Whose};
 pub use load::Exchanged;
 use problem::Problem;
 pub use reports::{Report, Reports};
@@ -204,20 +204,23 @@ impl Translator {
         live::MOST * self.actuators.len()
     }
 
-    /// Turns a frame from the bus into an actuator's message of state, if it tells one's position.
-    /// What else comes stays as it is.
-    pub fn receive(&mut self, frame: &mut Frame) {
+    /// Turns a frame from the bus into an actuator's message of state, if it tells one's position. What is no actuator's
+    /// stays as it is. Whether the loop is to have it: it knows no other frame of an actuator.
+    #[must_use]
+    pub fn receive(&mut self, frame: &mut Frame) -> bool {
         if is_own(frame.id) {
             // Somebody else's: without data it is no message of ours.
             frame.len = 0;
-            return;
+            return true;
         }
         for (index, live) in self.actuators.iter_mut().enumerate() {
-            if live.receive(frame) {
+            let whose = live.receive(frame);
+            if !matches!(whose, Whose::Others) {
                 self.reports.set(index, live.report());
-                return;
+                return matches!(whose, Whose::Message);
             }
         }
+        true
     }
 
     /// Appends what leaves on the bus for a frame of the loop.

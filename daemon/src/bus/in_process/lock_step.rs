@@ -242,8 +242,9 @@ impl<P: Peer> Bus for LockStep<P> {
             if frame.stamp_ns == 0 {
                 frame.stamp_ns = stamp_ns;
             }
-            Translation::arrived(&mut self.translation, &mut frame);
-            deliver(frame, rx, gather, table, &mut self.counters);
+            if Translation::arrived(&mut self.translation, &mut frame) {
+                deliver(frame, rx, gather, table, &mut self.counters);
+            }
         }
         self.counters.dropped += self.answers.overflow();
         self.answers.clear();

@@ -214,8 +214,9 @@ impl Sockets for SocketCan {
             self.clock.update();
         }
         for at in 0..count {
-            if let Some(mut frame) = self.frame(at) {
-                Translation::arrived(&mut self.translation, &mut frame);
+            if let Some(mut frame) = self.frame(at)
+                && Translation::arrived(&mut self.translation, &mut frame)
+            {
                 deliver(frame, rx, gather, table, &mut self.counters);
             }
         }

@@ -52,6 +52,16 @@ impl Told {
     }
 }
 
+/// What a frame is to an actuator.
+pub(super) enum Whose {
+    /// Not its own.
+    Others,
+    /// Its own, and nothing else now: what it told is kept.
+    Own,
+    /// Its own, and its message of state now.
+    Message,
+}
+
 /// An actuator.
 pub(super) struct Live {
     setting: Actuator,
@@ -120,24 +130,24 @@ impl Live {
         }
     }
 
-    /// The frame was its own: it is its message of state now if it told a position.
-    pub(super) fn receive(&mut self, frame: &mut Frame) -> bool {
+    /// Whether the frame was its own: it is its message of state now if it told a position.
+    pub(super) fn receive(&mut self, frame: &mut Frame) -> Whose {
         let setting = &self.setting;
         if frame.bus != setting.at.bus {
-            return false;
+            return Whose::Others;
         }
         let told = (self.family).feedback(setting.at, &setting.model, frame);
         let Some(told) = told else {
-            return false;
+            return Whose::Others;
         };
         self.note(&told, frame.stamp_ns);
         let is_complete = !self.family.tells_apart()
             || self.heard.current && frame.stamp_ns.saturating_sub(self.current_ns) <= SILENT_NS;
         if told.position.is_none() || !is_complete {
-            return true;
+            return Whose::Own;
         }
         *frame = self.message(frame.stamp_ns);
-        true
+        Whose::Message
     }
 
     /// Its message of state, of a frame that came at `now`.
