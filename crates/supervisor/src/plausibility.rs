@@ -68,6 +68,11 @@ pub struct PlausibilityParameters {
 }
 
 impl PlausibilityParameters {
+    /// Whether a motor that stands is judged by what winds its gear up.
+    fn winds(&self) -> bool {
+        self.torsion_shows.is_finite() || self.holds_itself
+    }
+
     /// These, for encoders that are `times` as noisy.
     fn with_noise(&self, times: f64) -> Self {
         Self {

@@ -55,7 +55,7 @@ const MOST: f64 = 3.0;
 
 /// Samples whose mean a standstill of two encoders goes on from where noise leaves the first one. Chosen on a simulated
 /// leg that shares no code with this project, all of whose encoders froze at a turn: without it noise began the standstill
-/// anew under full torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees. Only the torque that winds the
+/// anew under full torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees. Only a torque that winds the
 /// gear up is judged from there, as a sound joint that turns round stays near both places for longer than near one.
 const FIRST: u32 = 8;
 
@@ -103,7 +103,7 @@ impl Standstill {
     ) -> Self {
         match last {
             Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
-            Some(last) if p.torsion_shows.is_finite() && sample.stands_at(&last.mean, p.still) => {
+            Some(last) if p.winds() && sample.stands_at(&last.mean, p.still) => {
                 let (from, halted, certain) = (last.mean, false, false);
                 let on = Self {
                     from,
