@@ -72,7 +72,7 @@ impl Family for Myactuator {
             master: 0,
         };
         let told = self.feedback(at, &MODELS[0], frame)?;
-        // Of those that are always in an answer of status.
+        // Only an answer of status, which always has a voltage, identifies an actuator.
         told.voltage?;
         Some(Identity::of(node, &told))
     }
@@ -131,7 +131,7 @@ impl Family for Myactuator {
             return None;
         }
         if data[0] != STATUS {
-            // Each of the other frames is answered.
+            // An echo, as the actuator answers a shutdown too.
             return Some(Feedback::default());
         }
         let error = u32::from(u16::from_le_bytes([data[6], data[7]]));

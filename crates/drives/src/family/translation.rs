@@ -204,8 +204,8 @@ impl Translator {
         live::MOST * self.actuators.len()
     }
 
-    /// Turns a frame from the bus into an actuator's message of state, if it tells one's position. What is no actuator's
-    /// stays as it is. Whether the loop is to have it: it knows no other frame of an actuator.
+    /// Turns a frame with an actuator's position into that actuator's message of state; others stay as they are.
+    /// Returns whether the loop is to have the frame: false for an actuator's frame without a position.
     #[must_use]
     pub fn receive(&mut self, frame: &mut Frame) -> bool {
         if is_own(frame.id) {

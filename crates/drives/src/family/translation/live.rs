@@ -52,13 +52,13 @@ impl Told {
     }
 }
 
-/// What a frame is to an actuator.
+/// Whose frame one from the bus is.
 pub(super) enum Whose {
-    /// Not its own.
+    /// Not this actuator's.
     Others,
-    /// Its own, and nothing else now: what it told is kept.
+    /// This actuator's, without a position: its values are kept, and the loop has no message for it.
     Own,
-    /// Its own, and its message of state now.
+    /// This actuator's, turned into its message of state.
     Message,
 }
 
@@ -130,7 +130,7 @@ impl Live {
         }
     }
 
-    /// Whether the frame was its own: it is its message of state now if it told a position.
+    /// Takes a frame from the bus, and turns it into the message of state if it has this actuator's position.
     pub(super) fn receive(&mut self, frame: &mut Frame) -> Whose {
         let setting = &self.setting;
         if frame.bus != setting.at.bus {
