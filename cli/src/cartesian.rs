@@ -1,7 +1,7 @@
 //! `torquectl cartesian`: a frame of the robot led by springs and a desired force.
 
 use crate::motion::{bar, catch_signals};
-use crate::requests::{Failure, PATIENCE, beyond_limits, connect, end};
+use crate::requests::{Failure, beyond_limits, command, connect, end};
 use crate::units::rounded;
 use control::DAMPING_RATIOS;
 use problem::{Problem, listed};
@@ -10,8 +10,8 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use torqued_client::Client;
 use torqued_client::robot_state::{FrameCommanded, FrameReference, Mode, frame_flags};
-use torqued_client::{Client, Commander};
 
 const HELP: &str = "\
 The frame is held where it is by springs along and about the axes of its base, led from there by --shift,
@@ -124,8 +124,7 @@ fn go(arguments: &CartesianArguments) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
     let frame = index(&client, &arguments.frame)?;
-    let mut commander = Commander::connect(&mut client)?;
-    commander.hold_until_ready(PATIENCE)?;
+    let mut commander = command(&mut client)?;
     commander.lead_frames(&mut client, &[frame])?;
     let start = commander.reference().frames[frame];
     let bar = bar();

@@ -8,7 +8,7 @@ mod report;
 use crate::motion::{Target, bar, by_joint, catch_signals, target};
 use crate::output::{finish_or_refuse, read_input};
 use crate::record::Recording;
-use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::requests::{Failure, PATIENCE, command, connect, end};
 use excitation::{Part, PlanFile, Prepared, SPACING_S, SelfCheck, supposed};
 use problem::{Problem, Problems};
 pub(crate) use report::{figure, text};
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use torqued_client::{Client, Commander, Timing};
+use torqued_client::{Client, Timing};
 
 /// Period at which a recording is asked after.
 const ASK: Duration = Duration::from_secs(1);
@@ -99,7 +99,7 @@ pub(crate) fn urdf_of(robot: &Robot, no_self_distance: bool) -> Result<Option<St
 /// then. Gives the daemon's last words on the recording too.
 ///
 /// # Errors
-/// As [`Commander::follow`].
+/// As [`torqued_client::Commander::follow`].
 pub(crate) fn follow(
     client: &mut Client,
     prepared: &Prepared,
@@ -113,8 +113,7 @@ pub(crate) fn follow(
         let problem = Problem::new("it is there already", "a new file, or --force");
         return Err(Failure::Argument(problem.at(path.display().to_string(), 0)));
     }
-    let mut commander = Commander::connect(client)?;
-    commander.hold_until_ready(PATIENCE)?;
+    let mut commander = command(client)?;
     let bar = bar();
     let duration = prepared.motion.duration();
     bar.set_length((1e3 * duration) as u64);

@@ -2,7 +2,7 @@
 
 mod preview;
 
-use crate::requests::{Failure, PATIENCE, beyond_limits, connect, end};
+use crate::requests::{Failure, PATIENCE, beyond_limits, command, connect, end};
 use indicatif::{ProgressBar, ProgressStyle};
 use problem::{Problem, listed};
 use serde_json::json;
@@ -15,8 +15,8 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use torqued_client::Client;
 use torqued_client::robot_state::{CycleRecord, JointKind, measured_flags};
-use torqued_client::{Client, Commander};
 
 const HELP: &str = "\
 All joints arrive at once, within the limits of velocity, acceleration and jerk that [control] of the
@@ -252,8 +252,7 @@ pub(crate) fn move_to(
         .map(|((_, kind), to)| to.map_or(0.0, |_| in_si(speed, *kind)))
         .collect();
     let before = client.next_record(PATIENCE)?.cycle.measured;
-    let mut commander = Commander::connect(&mut client)?;
-    commander.hold_until_ready(PATIENCE)?;
+    let mut commander = command(&mut client)?;
     let mut duration = 0.0f64;
     let change = |reference: &mut torqued_client::robot_state::Reference| {
         let joints = reference.joints.iter_mut().zip(&positions);

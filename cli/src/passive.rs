@@ -1,7 +1,7 @@
 //! `torquectl passive`: joints that a hand can move.
 
 use crate::motion::{bar, catch_signals};
-use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::requests::{Failure, PATIENCE, command, connect, end};
 use problem::{Problem, listed};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
-use torqued_client::{Client, Commander};
+use torqued_client::Client;
 
 const HELP: &str = "\
 The joints that are named carry their own weight and give way to a hand; all others hold. A joint that
@@ -85,8 +85,7 @@ fn go(arguments: &PassiveArguments) -> Result<String, Failure> {
     if arguments.all {
         let_go = (0..names.len()).collect();
     }
-    let mut commander = Commander::connect(&mut client)?;
-    commander.hold_until_ready(PATIENCE)?;
+    let mut commander = command(&mut client)?;
     let begin = commander.reference().joints;
     let bar = bar();
     bar.set_length(

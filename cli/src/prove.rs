@@ -4,7 +4,7 @@ mod judge;
 mod proof;
 
 use crate::motion::{bar, catch_signals};
-use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::requests::{Failure, PATIENCE, command, connect, end};
 use crate::words;
 use judge::{Asked, Outcome, SHOWN, Seen, carried, judge, runs_away};
 use problem::{Problem, Problems, listed};
@@ -95,8 +95,7 @@ fn go(arguments: &ProveArguments, robot: &Robot) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(Some(&robot.parameters.name))?;
     same_joints(&client, joints).map_err(Failure::Argument)?;
-    let mut commander = Commander::connect(&mut client)?;
-    commander.hold_until_ready(PATIENCE)?;
+    let mut commander = command(&mut client)?;
     let mut proof = Proof::read(&arguments.config).map_err(Failure::Argument)?;
     let bar = bar();
     bar.set_length(chosen.len() as u64);

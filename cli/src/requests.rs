@@ -9,7 +9,7 @@ use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 use std::time::Duration;
 use torqued_client::robot_state::{Answer, Event};
-use torqued_client::{Client, Error, Location};
+use torqued_client::{Client, Commander, Error, Location, run_before_ordinary_programs};
 
 /// Longest wait for a daemon or a record.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(2);
@@ -62,6 +62,14 @@ pub(crate) fn connect(robot: Option<&String>) -> Result<Client, Error> {
         None => location.only_robot()?,
     };
     Client::connect_at(&location, &robot, PATIENCE)
+}
+
+/// The command over the robot, which holds; kept on a busy machine where this process may have real-time priority.
+pub(crate) fn command(client: &mut Client) -> Result<Commander, Error> {
+    run_before_ordinary_programs();
+    let mut commander = Commander::connect(client)?;
+    commander.hold_until_ready(PATIENCE)?;
+    Ok(commander)
 }
 
 /// Names of the robot's contact sets.

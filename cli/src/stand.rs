@@ -1,7 +1,7 @@
 //! `torquectl stand`: a robot that stands on its feet and keeps its balance.
 
 use crate::motion::{bar, catch_signals};
-use crate::requests::{Failure, PATIENCE, connect, end};
+use crate::requests::{Failure, PATIENCE, command, connect, end};
 use control::Stepping;
 use problem::{Problem, Problems};
 use robot_config::Robot;
@@ -104,8 +104,7 @@ pub(crate) fn run(arguments: &StandArguments) -> ExitCode {
 fn go(arguments: &StandArguments, robot: Option<&Robot>) -> Result<String, Failure> {
     let stop = catch_signals().map_err(Failure::Argument)?;
     let mut client = connect(arguments.robot.as_ref())?;
-    let mut commander = Commander::connect(&mut client)?;
-    commander.hold_until_ready(PATIENCE)?;
+    let mut commander = command(&mut client)?;
     let mut steps = of_steps(arguments, robot, &mut client)?;
     let bar = bar();
     let length = arguments

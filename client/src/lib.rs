@@ -39,7 +39,7 @@ mod timing_file;
 pub use c_layout::c_layout;
 pub use client::{Client, Record};
 pub use commander::Commander;
-pub use commander::keep::{KeptCommander, LONGEST_BUSY, Meanwhile};
+pub use commander::keep::{KeptCommander, LONGEST_BUSY, Meanwhile, run_before_ordinary_programs};
 pub use daemon_ports::DaemonPorts;
 pub use error::{Error, why_not_followed, why_piece_refused, why_refused};
 pub use follow::{Progress, Timing};

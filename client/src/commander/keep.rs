@@ -153,7 +153,7 @@ impl Shared {
     }
 
     fn keep(&self, busy: Duration, meanwhile: Meanwhile) {
-        run_in_real_time();
+        run_before_ordinary_programs();
         while !self.ended.load(Ordering::Relaxed) {
             thread::sleep(BEAT);
             let mut sent = self.lock();
@@ -188,8 +188,10 @@ fn go_on(reference: &mut Reference, meanwhile: Meanwhile, after: Duration) {
     }
 }
 
-/// Without the right, the thread is as any other.
-fn run_in_real_time() {
+/// Gives the calling thread real-time priority (`SCHED_FIFO`, 10: below every loop, above every ordinary program), so
+/// that a busy machine does not keep it from renewing its lease. Without the right the thread stays as it is. For
+/// threads that mostly wait.
+pub fn run_before_ordinary_programs() {
     // SAFETY: an all-zero `sched_param` is a valid one, of which the call only reads.
     unsafe {
         let mut parameters: libc::sched_param = std::mem::zeroed();
