@@ -21,9 +21,7 @@ use can_codec::Frames;
 use estimators::joint::JointSample;
 use problem::Problem;
 use robot_config::Robot;
-use robot_state::{
-    CycleRecord, JointMeasured, MeasuredRecord, Settings, command_flags, measured_flags,
-};
+use robot_state::{CycleRecord, JointMeasured, MeasuredRecord, Settings, measured_flags};
 
 use crate::events::Counts;
 use crate::time::{Instants, Stamp};
@@ -154,10 +152,9 @@ impl Measure {
             .filter(|joint| joint.blind)
             .count();
         for (j, (joint, commanded)) in self.joints.iter_mut().zip(commanded).enumerate() {
-            let driven = commanded.flags & command_flags::ENGAGED != 0;
             let itself = self.joint_readiness.get(j).is_some_and(|own| own.blind);
             let warned = blind > usize::from(itself);
-            joint.learn(driven, distrusted >> j & 1 == 1, warned);
+            joint.learn(commanded, distrusted >> j & 1 == 1, warned);
             if acknowledged {
                 joint.restart_if_distrusted();
             }

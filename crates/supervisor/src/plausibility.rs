@@ -55,6 +55,11 @@ pub struct PlausibilityParameters {
     /// Torque on the gear from which on its torsion changes by more than the noise of both encoders, N·m; infinite where
     /// one of them is missing.
     pub torsion_shows: f64,
+    /// Torque that turns a motor by more than the noise of its encoder though its link is blocked, as it winds up the
+    /// gear, N·m; infinite with two encoders, which show that by themselves.
+    pub motor_shows: f64,
+    /// Way of a joint's set-point from which on its drive is to turn the motor, rad.
+    pub asked: f64,
     /// Way by which the noise of an encoder that stands still moves its angle: motor and link side, rad.
     pub still: [f64; 2],
     /// Torque that moves the joint within a sample squared by the way that its only encoder's noise hides, N·m; 0 with two
@@ -63,6 +68,11 @@ pub struct PlausibilityParameters {
 }
 
 impl PlausibilityParameters {
+    /// Whether a motor that stands is judged by what winds its gear up.
+    fn winds(&self) -> bool {
+        self.torsion_shows.is_finite() || self.holds_itself
+    }
+
     /// These, for encoders that are `times` as noisy.
     fn with_noise(&self, times: f64) -> Self {
         Self {

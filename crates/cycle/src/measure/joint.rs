@@ -6,7 +6,7 @@ use estimators::front_end::FrontEnd;
 use estimators::joint::JointSample;
 use problem::Problem;
 use robot_config::{JointCalibration, JointParameters, slots};
-use robot_state::{Event, JointMeasured, measured_flags};
+use robot_state::{Event, JointCommanded, JointMeasured, command_flags, measured_flags};
 use supervisor::{MotorSample, Plausibility, Sample, Trust};
 
 use super::filtered::Course;
@@ -48,6 +48,8 @@ pub(super) struct JointReader {
     driven: bool,
     /// Encoders of another joint are known to stand still.
     warned: bool,
+    /// The set-point of the last cycle, rad.
+    target: f64,
     /// Torsion that the estimated torque explains, rad; none with a link-side encoder.
     torsion: Option<f64>,
     /// Motor-side and link-side angle as they were read last, trusted or not, rad, link side.
@@ -86,15 +88,20 @@ impl JointReader {
             lacking_s: 0.0,
             driven: false,
             warned: false,
+            target: f64::NAN,
             torsion: (!joint.has_link_encoder).then_some(0.0),
             shown: [0.0; 2],
         })
     }
 
-    /// Takes whether the drive has followed set-points since the last cycle, whether an encoder is known to be wrong, and
-    /// whether those of another joint are known to stand still.
-    pub(super) fn learn(&mut self, driven: bool, distrusted: bool, warned: bool) {
-        (self.driven, self.warned) = (driven, warned);
+    /// Takes the last cycle's command, whether an encoder is known to be wrong, and whether those of another joint are
+    /// known to stand still.
+    pub(super) fn learn(&mut self, command: &JointCommanded, distrusted: bool, warned: bool) {
+        self.driven = command.flags & command_flags::ENGAGED != 0;
+        self.warned = warned;
+        // A joint that is distrusted is led by torque: its drive is not asked to turn anywhere.
+        let led = matches!(self.plausibility.trust(), Trust::Plausible | Trust::Suspect);
+        self.target = if led { command.q_c } else { f64::NAN };
         if distrusted {
             self.plausibility.distrust();
         }
@@ -174,6 +181,7 @@ impl JointReader {
                 q: angles.q,
                 velocity: measured.omega * self.link_per_motor,
                 torque: reception.slot(slots::current(self.index)) * self.torque_per_current,
+                target: self.target,
                 driven: self.driven,
                 warned: self.warned,
             });

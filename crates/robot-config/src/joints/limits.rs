@@ -78,6 +78,8 @@ const STOPS_BY: [f64; 2] = [0.5, 2.5];
 const STILL_COUNTS: f64 = 3.5;
 /// Stiffness of a gear over K_fs0, as far as it stiffens up to its torque limit. Chosen; no experiment recorded.
 const STIFFENS: f64 = 1.5;
+/// Ways of an encoder's noise by which a set-point moves on before its motor has to turn. Chosen; no experiment recorded.
+const ASKED_WAYS: f64 = 5.0;
 /// Good samples in a row that make a joint plausible, and bad ones that make it implausible.
 const SAMPLES: [u32; 2] = [100, 8];
 
@@ -350,6 +352,12 @@ pub(super) fn plausibility(
         } else {
             f64::INFINITY
         },
+        motor_shows: if has_link {
+            f64::INFINITY
+        } else {
+            STIFFENS * gear.k_fs0 * still[0] / drive.gear_ratio
+        },
+        asked: ASKED_WAYS * still[0] / drive.gear_ratio,
         hidden: if has_link {
             0.0
         } else {

@@ -19,6 +19,8 @@ pub struct MotorSample {
     pub velocity: f64,
     /// Torque of the motor's current, N·m, link side.
     pub torque: f64,
+    /// Set-point of the joint's position, rad; NaN: its drive has none.
+    pub target: f64,
     /// Whether the joint's drive follows set-points: then no brake takes that torque over.
     pub driven: bool,
     /// Encoders of another joint are known to stand still: those of this one may as well.
@@ -53,7 +55,7 @@ const MOST: f64 = 3.0;
 
 /// Samples whose mean a standstill of two encoders goes on from where noise leaves the first one. Chosen on a simulated
 /// leg that shares no code with this project, all of whose encoders froze at a turn: without it noise began the standstill
-/// anew under full torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees. Only the torque that winds the
+/// anew under full torque. In 4 of 30 runs a joint was not found, and moved by 80 degrees. Only a torque that winds the
 /// gear up is judged from there, as a sound joint that turns round stays near both places for longer than near one.
 const FIRST: u32 = 8;
 
@@ -101,7 +103,7 @@ impl Standstill {
     ) -> Self {
         match last {
             Some(last) if sample.stands_at(&last.from, p.still) => last.goes_on(&sample, p),
-            Some(last) if p.torsion_shows.is_finite() && sample.stands_at(&last.mean, p.still) => {
+            Some(last) if p.winds() && sample.stands_at(&last.mean, p.still) => {
                 let (from, halted, certain) = (last.mean, false, false);
                 let on = Self {
                     from,
@@ -117,8 +119,13 @@ impl Standstill {
                 let samples = moving.map_or(1, |last| last.stood.saturating_add(1));
                 Self {
                     from: sample,
+                    // The direction of the last slide is that of friction; two encoders judge by the gear's torsion alone.
                     mean: MotorSample {
-                        velocity: 0.0,
+                        velocity: if p.torsion_shows.is_finite() {
+                            0.0
+                        } else {
+                            sample.velocity
+                        },
                         ..sample
                     },
                     halted: way > p.stop_way,
@@ -153,25 +160,35 @@ impl Standstill {
         let over = |least: f64| change.abs() / least;
         let held = share * p.friction + p.torque_margin;
         let moves = if is_judged { over(held) } else { 0.0 };
+        // A hand changes the torque of a drive that holds, and a wall stops a link: neither stops a motor that is asked
+        // to turn before it has wound the gear up.
+        let asked = (sample.target - self.from.target) * change.signum();
+        let is_asked = sample.driven && self.from.driven && asked > p.asked;
+        let swallowed = if sample.warned {
+            p.friction
+        } else {
+            BREAKS_AWAY[1] * p.friction + p.torque_margin
+        };
+        let turns = match is_asked {
+            false => 0.0,
+            true if sample.warned && p.motor_shows.is_finite() => over(swallowed + p.torque_margin),
+            true => over(swallowed + p.motor_shows),
+        };
         // A brake that opens hands the motor a torque that has wound the gear up already.
         let winds_up = if sample.driven && self.from.driven {
-            let swallowed = if sample.warned {
-                p.friction
-            } else {
-                BREAKS_AWAY[1] * p.friction + p.torque_margin
-            };
             over(swallowed + p.torsion_shows)
         } else {
             0.0
         };
-        let over = moves.max(winds_up);
+        let is_pushed = moves > 1.0 || is_asked && over(held) > 1.0;
+        let over = moves.max(winds_up).max(turns);
         if self.halted || over > 1.0 {
             self.pressed = self.pressed.saturating_add(over.clamp(1.0, MOST) as u32);
         } else {
             self.pressed = 0;
         }
         self.pushed = match self.pushed {
-            (samples, sum) if moves > 1.0 => (samples.saturating_add(1), sum + change.abs() - held),
+            (samples, sum) if is_pushed => (samples.saturating_add(1), sum + change.abs() - held),
             _ => NOT_PUSHED,
         };
         self

@@ -15,6 +15,8 @@ const PARAMETERS: PlausibilityParameters = PlausibilityParameters {
     torsion_shows: f64::INFINITY,
     still: [0.0; 2],
     hidden: 0.0,
+    motor_shows: f64::INFINITY,
+    asked: 0.0,
 };
 
 /// A sample whose motor stands.
@@ -145,6 +147,7 @@ fn a_motor_that_more_torque_than_friction_does_not_move_has_flat_encoders() {
                 q: 0.5,
                 velocity,
                 torque: torque(f64::from(k)),
+                target: 0.0,
                 driven: true,
                 warned: false,
             });
@@ -183,6 +186,7 @@ fn a_position_drive_whose_torque_winds_nothing_up_has_flat_encoders() {
                 q: 0.5,
                 velocity: 0.0,
                 torque: if k < 10 { 0.0 } else { torque },
+                target: 0.0,
                 driven: k >= driven_from,
                 warned,
             });
@@ -214,6 +218,7 @@ fn a_motor_that_came_to_stand_in_a_pause_is_judged_once_that_is_over() {
             q: 0.5,
             velocity: 0.2,
             torque: 10.0 * f64::from(k),
+            target: 0.0,
             driven: true,
             warned: false,
         });
@@ -248,6 +253,7 @@ fn noise_does_not_begin_a_standstill_anew_and_a_slow_motion_does() {
                 q: count * q(k),
                 velocity: 0.0,
                 torque: 10.0 * k.min(10) as f64,
+                target: 0.0,
                 driven: true,
                 warned: false,
             });
@@ -262,6 +268,50 @@ fn noise_does_not_begin_a_standstill_anew_and_a_slow_motion_does() {
     let frozen = found(&frozen);
     assert!(frozen.is_some_and(|k| k < 30), "{frozen:?}");
     assert_eq!(found(&|k| 0.8 * k as f64), None);
+}
+
+/// An actuator with one encoder is asked to turn, 0.01 rad a sample. A wall in front of its link lets its motor wind the
+/// gear up; a hand changes its torque, and no set-point.
+#[test]
+fn a_single_encoder_that_shows_nothing_of_what_is_asked_for_is_flat() {
+    let count = 4e-4;
+    let found = |asked: f64, theta: &dyn Fn(f64) -> f64, warned: bool| {
+        let mut joint = Plausibility::new(PlausibilityParameters {
+            holds_itself: true,
+            still: [3.5 * count; 2],
+            hidden: 1.0,
+            motor_shows: 6.0,
+            asked: 5.0 * 3.5 * count,
+            friction: 0.6,
+            torque_margin: 1.5,
+            ..PARAMETERS
+        });
+        for _ in 0..20 {
+            joint.update(wound(0.0));
+        }
+        (0..100).position(|k| {
+            let time = f64::from(k);
+            let theta = (theta(time) / count).round() * count;
+            joint.watch_motor(MotorSample {
+                theta,
+                q: theta,
+                velocity: 0.0,
+                // By the way left and a spring of 100 N·m/rad.
+                torque: 100.0 * (0.01 * time - theta),
+                target: asked * time,
+                driven: true,
+                warned,
+            });
+            joint.trust() == Trust::Implausible
+        })
+    };
+    let flat = |_: f64| 0.0;
+    let alone = found(0.01, &flat, false).expect("it is found");
+    let warned = found(0.01, &flat, true).expect("it is found");
+    assert!(warned < alone && alone < 30, "{warned} {alone}");
+    assert_eq!(found(0.0, &flat, false), None, "a hand");
+    assert_eq!(found(-0.01, &flat, false), None, "against what is asked");
+    assert_eq!(found(0.01, &|k| 0.008 * k, false), None, "a wall");
 }
 
 /// The loop pauses while the torque of a frozen joint rises; afterwards its drive holds with 100 N·m. Neither is that, nor
@@ -291,6 +341,7 @@ fn a_standstill_begun_before_a_pause_shows_once_something_else_speaks_against_th
                 q: count * (noise + moved(k) as f64),
                 velocity: 0.0,
                 torque: 10.0 * k.min(10) as f64,
+                target: 0.0,
                 driven: true,
                 warned,
             });
@@ -359,6 +410,7 @@ fn a_joint_that_turns_round_stands_for_a_moment_and_one_that_stops_stands_for_ev
                 q: theta,
                 velocity,
                 torque: inertia * acceleration * (1.0 - t / ramp),
+                target: 0.0,
                 driven: true,
                 warned: false,
             });
