@@ -65,6 +65,7 @@ def test_as_the_original(tmp_path, joints, seed):
         )
 
 
+@pytest.mark.real_time
 def test_a_running_robot_refuses_what_it_cannot_do_with_the_reason(tmp_path, monkeypatch):
     monkeypatch.setenv("TORQUED_RUN_DIR", str(tmp_path))
 

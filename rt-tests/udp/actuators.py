@@ -40,8 +40,8 @@ class Actuator:
         self.enabled, self.command, self.commanded, self.then = False, None, None, time.monotonic()
         #: position and first target at the last enabling; gains and torque while off; words; stops
         self.first, self.while_off, self.words, self.stopped_after = None, [], [], None
-        #: what its encoder shows too much, rad, and the load on its output, N·m
-        self.slip, self.load = 0.0, 0.0
+        #: what its encoder shows too much, rad, the load on its output, N·m, and what its windings make of its torque
+        self.slip, self.load, self.commutation = 0.0, 0.0, 1.0
 
     @property
     def shown(self):
@@ -74,7 +74,7 @@ class Actuator:
             self.then += STEP_S
             p, v, kp, kd, t = self.command or (0.0,) * 5
             self.torque = kp * (p - self.shown) + kd * (v - self.dq) + t if self.command else 0.0
-            self.dq += STEP_S * (self.torque - self.load) / INERTIA
+            self.dq += STEP_S * (self.commutation * self.torque - self.load) / INERTIA
             brake = STEP_S * COULOMB / INERTIA
             self.dq -= max(-brake, min(brake, self.dq))
             self.q += STEP_S * self.dq

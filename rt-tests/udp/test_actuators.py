@@ -98,17 +98,26 @@ def test_they_stop_when_the_daemon_is_killed_or_the_bus_pulled(robot, act, reque
     results.TABLES["stops"].append((family, round(1000 * TIME_OUT_S), act, ms))
 
 
-@pytest.mark.parametrize("robot", ["cubemars", "damiao", "robstride", "moteus"], indirect=True)
+#: Those whose commands hold their gains.
+bearing = pytest.mark.parametrize("robot", ["cubemars", "damiao", "robstride", "moteus"], indirect=True)
+
+
+def load(actuator):
+    """Up to 1.9 N·m, slowly."""
+    for k in range(20):
+        actuator.load = 0.1 * k
+        time.sleep(0.05)
+    time.sleep(0.5)
+
+
+@bearing
 def test_one_whose_encoder_slips_bears_its_load(robot):
     """No brake would hold it: it goes on with its torque of before, until an operator disables it."""
     config, line = robot
     slips, other = line.actuators
     with daemon(config, "--accept-margins"):
         client = to_holding()
-        for k in range(20):
-            slips.load = 0.1 * k
-            time.sleep(0.05)
-        time.sleep(0.5)
+        load(slips)
         held = slips.q
         slips.slip = 0.1
         wait_for_state(client, torqued.RobotState.FAULT)
@@ -120,6 +129,25 @@ def test_one_whose_encoder_slips_bears_its_load(robot):
         client.disable()
         time.sleep(0.5)
         assert not slips.enabled and not other.enabled
+
+
+@bearing
+def test_one_whose_torque_pushes_the_other_way_is_switched_off(robot):
+    """Its encoder slips on the rotor: its windings make the reverse of the torque that it reports, damping as well."""
+    config, line = robot
+    slips, other = line.actuators
+    with daemon(config, "--accept-margins"):
+        client = to_holding()
+        load(slips)
+        slips.commutation, slips.slip = -1.0, 0.1
+        until = time.monotonic() + 3.0
+        while slips.enabled and time.monotonic() < until:
+            fastest = abs(slips.dq)
+            time.sleep(0.001)
+        wait_for_state(client, torqued.RobotState.FAULT)
+        # A quarter of the velocity limit of 6 rad/s, and what it gains until that is seen.
+        assert not slips.enabled and fastest < 2.0, fastest
+        assert other.enabled and other.command[2] > 0.0
 
 
 @pytest.fixture

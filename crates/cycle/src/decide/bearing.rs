@@ -2,8 +2,8 @@
 //!
 //! An actuator that is switched off lets its joint fall. One whose commands hold their gains goes on instead with the
 //! mean of its torque before the fault, damped, and without a position: then neither a slipped encoder nor a wrong target
-//! moves the joint. It is switched off where it reports another torque than that, where its torque drives the joint on,
-//! and when an operator or a fault's reaction switches all drives off.
+//! moves the joint. It is switched off where it reports another torque than that, where its torque drives the joint on or
+//! does not keep it from getting fast, and when an operator or a fault's reaction switches all drives off.
 
 use robot_config::{JointParameters, Robot};
 use robot_state::{DriveState, JointMeasured, measured_flags};
@@ -13,6 +13,10 @@ use supervisor::{Drive, DriveGoal, Safety};
 const SETTLES: u32 = 8;
 /// Further velocity from which on a joint is driven, share of its limit. Chosen; no experiment recorded.
 const DRIVEN: f64 = 0.05;
+/// Further velocity from which on nothing bears a joint, whatever torque its actuator reports: where an encoder slipped on
+/// the rotor, or its sign changed, torque and damping push the other way. Share of the limit. Chosen; no experiment
+/// recorded.
+const UNBORNE: f64 = 0.25;
 /// Torque that does work on it, share of its limit: less is noise. Chosen; no experiment recorded.
 const WORKS: f64 = 0.03;
 /// Samples in a row that show it. Chosen; no experiment recorded.
@@ -31,6 +35,8 @@ struct Bearing {
     torque_per_current: f64,
     /// Velocity and torque that make a joint a driven one, rad/s and N·m.
     driven: [f64; 2],
+    /// Velocity of a joint that nothing bears, rad/s.
+    unborne_from: f64,
     /// The joint is borne, for so many cycles.
     going: Option<u32>,
     /// Velocity when it was judged first, rad/s.
@@ -49,6 +55,7 @@ impl Bearings {
                 torque_per_current: joint.encoders.gear_ratio
                     * joint.estimator.wave_generator.torque_constant,
                 driven: [DRIVEN * joint.limits.velocity, WORKS * joint.limits.torque],
+                unborne_from: UNBORNE * joint.limits.velocity,
                 going: None,
                 from: 0.0,
                 driven_for: 0,
@@ -107,7 +114,7 @@ impl Bearing {
         self.is_driven(cycles, measured) || self.unborne > DISOBEYS
     }
 
-    /// Whether its own torque drives the joint on, by the actuator's own velocity.
+    /// Whether its own torque drives the joint on, or does not bear it, by the actuator's own velocity.
     fn is_driven(&mut self, cycles: u32, measured: &JointMeasured) -> bool {
         let velocity = measured.omega / self.gear_ratio;
         if cycles < SETTLES || !velocity.is_finite() {
@@ -118,8 +125,9 @@ impl Bearing {
         }
         let torque = self.torque_per_current * measured.current;
         let [faster, works] = self.driven;
-        let is_driven =
-            velocity.abs() > self.from + faster && torque.abs() > works && torque * velocity > 0.0;
+        let gained = velocity.abs() - self.from;
+        let works_on = torque.abs() > works && torque * velocity > 0.0;
+        let is_driven = gained > faster && works_on || gained > self.unborne_from;
         self.driven_for = if is_driven { self.driven_for + 1 } else { 0 };
         self.driven_for >= SAMPLES
     }
