@@ -73,6 +73,12 @@ impl PlausibilityParameters {
         self.torsion_shows.is_finite() || self.holds_itself
     }
 
+    /// Whether a motor that stands is judged by what winds its gear up, and by that alone where its velocity before is
+    /// not known.
+    fn winds_alone(&self) -> bool {
+        self.torsion_shows.is_finite() && self.holds_itself
+    }
+
     /// These, for encoders that are `times` as noisy.
     fn with_noise(&self, times: f64) -> Self {
         Self {
@@ -238,11 +244,20 @@ impl Plausibility {
     /// ([`Standstill`]).
     pub fn watch_motor(&mut self, sample: MotorSample) {
         let judged = self.unjudged == 0;
+        let resumed = self.unjudged == GAP_SAMPLES;
         self.unjudged = self.unjudged.saturating_sub(1);
         let in_a_row = self.in_a_row && judged;
         let [last, kept] = self.standstills;
         let (p, wide) = (&self.parameters, &self.parameters.with_noise(KEPT_NOISE));
-        let last = Standstill::after(last.filter(|_| judged), in_a_row, sample, p);
+        // Right after a gap a drive may have stopped, or turned its motor back, unseen.
+        let (last, seen) = match last {
+            last if judged => (last, sample),
+            Some(last) if p.winds_alone() && !resumed => {
+                (Some(last.without_velocity()), sample.without_velocity())
+            }
+            _ => (None, sample),
+        };
+        let last = Standstill::after(last, in_a_row, seen, p);
         let kept = Standstill::after(kept, in_a_row, sample, wide);
         (self.standstills, self.in_a_row) = ([Some(last), Some(kept)], true);
         let (alone, added) = (last.is_impossible(p), kept.is_impossible(wide));

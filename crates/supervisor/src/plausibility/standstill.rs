@@ -28,6 +28,14 @@ pub struct MotorSample {
 }
 
 impl MotorSample {
+    /// This sample of a motor whose velocity before is not known.
+    pub(super) fn without_velocity(self) -> Self {
+        Self {
+            velocity: 0.0,
+            ..self
+        }
+    }
+
     /// Whether both encoders show what they did before, but for their noise.
     fn stands_at(&self, from: &Self, still: [f64; 2]) -> bool {
         let ways = [self.theta - from.theta, self.q - from.q];
@@ -43,6 +51,9 @@ const SLIDES: f64 = 0.05;
 /// before the motor moves. Static friction is up to 1.5 of sliding friction: 0.5 more onwards, and 1 + 1.5 where it has
 /// to be overcome in the other direction.
 const BREAKS_AWAY: [f64; 2] = [0.5, 2.5];
+
+/// Share of Coulomb friction between static friction in one direction and in the other.
+const FROM_REST: f64 = 3.0;
 
 /// Ways at the end of which a motor may stand at once, from which on half of the samples are enough.
 /// Chosen; no experiment recorded.
@@ -81,6 +92,8 @@ pub(super) struct Standstill {
     halted: bool,
     /// Whether the motor moved so fast that no impact explains its standstill.
     certain: bool,
+    /// Whether the motor came to stand in or right after a gap: by sliding, or at rest before.
+    unknown: bool,
     /// Samples in a row with a torque that would move it, or since it halted; a greater torque counts several times.
     pressed: u32,
     /// Samples in a row with such a torque, and the sum of what it is beyond the one that holds, N·m.
@@ -94,6 +107,18 @@ pub(super) struct Standstill {
 }
 
 impl Standstill {
+    /// This standstill where no velocity of before counts, only torque that winds the gear up.
+    pub(super) fn without_velocity(self) -> Self {
+        Self {
+            from: self.from.without_velocity(),
+            mean: self.mean.without_velocity(),
+            halted: false,
+            certain: false,
+            unknown: true,
+            ..self
+        }
+    }
+
     /// After one more sample; `in_a_row`: the one before was that of the last cycle.
     pub(super) fn after(
         last: Option<Self>,
@@ -130,6 +155,7 @@ impl Standstill {
                     },
                     halted: way > p.stop_way,
                     certain: way > CERTAIN * p.stop_way,
+                    unknown: false,
                     pressed: 0,
                     pushed: NOT_PUSHED,
                     stood: 0,
@@ -167,7 +193,12 @@ impl Standstill {
         let swallowed = if sample.warned {
             p.friction
         } else {
-            BREAKS_AWAY[1] * p.friction + p.torque_margin
+            let share = if self.unknown {
+                FROM_REST
+            } else {
+                BREAKS_AWAY[1]
+            };
+            share * p.friction + p.torque_margin
         };
         let turns = match is_asked {
             false => 0.0,
