@@ -66,7 +66,7 @@ def left(names):
     others = sorted({name.rsplit(".", 1)[-1] for name in names if name not in kept})
     count = len(names) - len(kept)
     text = f"{count} objects ({', '.join(others)})" if count else "nothing"
-    return text + (", but iceoryx2's counter of 16 bytes for the run directory" if kept else "")
+    return text + (" but iceoryx2's counter (16 bytes)" if kept else "")
 
 
 def kills(found):
