@@ -348,8 +348,9 @@ fn a_single_encoder_that_shows_nothing_of_what_is_asked_for_is_flat() {
     assert_eq!(found(0.01, &|k| 0.008 * k, false), None, "a wall");
 }
 
-/// The loop pauses while the torque of a frozen joint rises to 60 N·m; afterwards its drive holds with 100 N·m, too little
-/// more to be found alone. Neither is that, nor noise of a few counts, forgotten once something else speaks against the joint.
+/// The loop pauses while the torque of a frozen joint rises, at 60 N·m; afterwards its drive holds with 100 N·m. What
+/// came since the pause is too little by itself. Torque of before and noise of a few counts are not forgotten once
+/// something else speaks against the joint.
 #[test]
 fn a_standstill_begun_before_a_pause_shows_once_something_else_speaks_against_the_joint() {
     let count = 6e-6;
