@@ -200,10 +200,12 @@ impl Standstill {
             };
             share * p.friction + p.torque_margin
         };
-        let turns = match is_asked {
-            false => 0.0,
-            true if sample.warned && p.motor_shows.is_finite() => over(swallowed + p.torque_margin),
-            true => over(swallowed + p.motor_shows),
+        let turns = if !is_asked {
+            0.0
+        } else if sample.warned && p.motor_shows.is_finite() {
+            over(swallowed + p.torque_margin)
+        } else {
+            over(swallowed + p.motor_shows)
         };
         // A brake that opens hands the motor a torque that has wound the gear up already.
         let winds_up = if sample.driven && self.from.driven {
