@@ -1,8 +1,11 @@
-//! A robot without F/T sensors that a hand, a wall or a block touches: none of them is an encoder that errs.
+//! A robot without F/T sensors that a hand, a wall or a block touches: none of them is an encoder that errs. One that
+//! does is found.
 
 use crate::common;
 
-use common::{Bench, client_input, read};
+use common::motion::Motion;
+use common::{Bench, client_input, read, spoil};
+use robot_config::slots;
 use robot_state::{Event, Mode, Reference};
 use test_support::Random;
 
@@ -139,5 +142,76 @@ fn a_wall_is_no_fault() {
             let wall = start + 0.2;
             touch(bench, (truth.q > wall).then_some([wall, 0.0]));
         });
+    }
+}
+
+/// Which encoder drifts: as frames show it, or in the drive's own loop as well.
+#[derive(Debug, Clone, Copy)]
+enum Drifts {
+    Link,
+    Motor,
+    Drive,
+}
+
+impl Drifts {
+    /// So far, rad, at a rate, rad/s.
+    fn spoil(self, bench: &mut Bench, way: f64, rate: f64) {
+        match self {
+            Self::Link => spoil(bench, 0, |values| values[slots::link_angle(0)] += way),
+            Self::Motor => spoil(bench, 0, |values| {
+                values[slots::motor_angle(0)] -= 100.0 * way;
+            }),
+            Self::Drive => {
+                let faults = bench.plant.robot_mut().drive_faults(0);
+                faults.unwrap().motor.rate = 100.0 * rate;
+            }
+        }
+    }
+}
+
+/// On a robot without F/T sensors an encoder that drifts is found by the current alone, and late. Bounds are the worst of
+/// 960 such runs (docs/safety.md) and a tenth more.
+#[test]
+fn an_encoder_that_drifts_is_found_though_late_in_mode_torque() {
+    for (mode, most_deg, most_share) in [
+        (Mode::Torque, 20.0, 0.44),
+        (Mode::Passive, 3.7, 0.23),
+        (Mode::InverseDynamics, 1.6, 0.23),
+    ] {
+        for drifts in [Drifts::Link, Drifts::Motor, Drifts::Drive] {
+            for (rate, seed) in [
+                (-0.6, 1),
+                (0.6, 2),
+                (-6.0, 3),
+                (6.0, 4),
+                (-60.0, 5),
+                (200.0, 6),
+            ] {
+                let rate = f64::to_radians(rate);
+                let mut bench = joint(seed);
+                bench.run(1000);
+                let mut reference = bench.reference(mode.number(), 1);
+                for _ in 0..2000 {
+                    reference.sequence += 1;
+                    bench.step(&client_input(&reference));
+                }
+                let mut motion = Motion::of(&bench);
+                for k in 0..1500 {
+                    reference.sequence += 1;
+                    bench.gather();
+                    drifts.spoil(&mut bench, rate * DT * f64::from(k), rate);
+                    bench.compute(&client_input(&reference));
+                    motion.take(&bench);
+                }
+                let (way, share) = (motion.displacement_deg(), motion.speed_share());
+                let fault = bench.cycle.record().fault;
+                let what = format!(
+                    "{mode:?}, {drifts:?}, {rate:.2} rad/s, seed {seed}: {way:.2} deg, {share:.3}, fault {fault}"
+                );
+                assert!(way < most_deg && share < most_share, "{what}");
+                let causes = [Event::EncoderImplausible, Event::FollowingError];
+                assert!(causes.map(Event::number).contains(&fault), "{what}");
+            }
+        }
     }
 }
